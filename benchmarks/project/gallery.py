@@ -62,6 +62,7 @@ RESULTS = {
     "real/lower_san_fernando_1971": SURVEYED,
     "real/sainte_monique_1994": SURVEYED,
     "real/s1000_2021": SURVEYED,
+    "real/upper_san_fernando_1971": SURVEYED,
     "new/slope": BEGIN.format("slope"),
     "new/section": BEGIN.format("section"),
     "new/terrain": BEGIN.format("terrain"),

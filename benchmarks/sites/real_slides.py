@@ -1,8 +1,8 @@
 """Real slides from published data alone: what was surveyed against the 90 % interval of a campaign's failures.
 
-The scenes stand in benchmarks/scenes/real, with the source of each number and what was assumed; what was surveyed is in
-`benchmarks.sites.real_surveys`. Both were committed before the first run. After it numerical choices were changed,
-because grains had left the grid, and the dam's pool became a buoyant weight; each scene names its own.
+The scenes stand in benchmarks/scenes/real, with the source of each number and what was assumed, beside what was
+surveyed. Both were committed before the first run. After it numerical choices were changed, because grains had left the
+grid, and the slip surface on terrain became a contact; each scene names its own.
 
 `low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end, or of the failures on the
 rough grid where there is none yet; `grid` names which, `slides` counts them. `rough_low` and `rough_high` are of the
@@ -121,7 +121,7 @@ def slides(name: str, campaign: Campaign, folder: Path) -> dict[str, Slid]:
     answer = {}
     for grid, (numbers, slid, weight) in chosen.items():
         samples = [read_sample(results.store, grid, numbers[at]) for at in np.flatnonzero(slid)]
-        each = measured(campaign, grid, KNOWN[name].crest, samples)
+        each = measured(campaign, grid, KNOWN[name].crest, samples) if samples else []
         quantities = {quantity: np.array([one[quantity] for one in each]) for quantity in (each[0] if each else ())}
         answer[grid] = Slid(quantities, weight[slid])
     return answer
