@@ -4,6 +4,7 @@ from jaxmpm.run._advance import advance, advance_lanes, repeat
 from jaxmpm.run._batch import Chunk, Midway
 from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
 from jaxmpm.run._columns import Passing, column_shape, passing, with_columns
+from jaxmpm.run._early import Early
 from jaxmpm.run._integrate import Result, solve
 from jaxmpm.run._lanes import lanes
 from jaxmpm.run._many import solve_each
@@ -14,6 +15,7 @@ from jaxmpm.run._strength_reduction import FactorOfSafety, factor_of_safety, red
 __all__ = [
     "Checkpoints",
     "Chunk",
+    "Early",
     "FactorOfSafety",
     "Midway",
     "Passing",

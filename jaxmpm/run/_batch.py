@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm.run._advance import advance_lanes
+from jaxmpm.run._early import START
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Settle, Watch, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
@@ -43,11 +44,13 @@ class Midway:
         state: now.
         quiet: seconds without motion so far.
         reference: displacement (m) from which motion is counted.
+        rates: (8,), see `Early.judged`.
     """
 
     state: State
     quiet: float = 0.0
     reference: float = 0.0
+    rates: np.ndarray = field(default_factory=START.copy)
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,8 @@ class Batch:
             *(sample.scene for sample in samples),
             is_leaf=_is_none,
         )
-        watch = Watch(np.array([s.quiet for s in starts], float), np.array([s.reference for s in starts], float))
+        quiet, reference = (np.array([getattr(s, name) for s in starts], float) for name in ("quiet", "reference"))
+        watch = Watch(quiet, reference, np.stack([s.rates for s in starts], axis=1))
         state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(start.state for start in starts))
         paces = [_pace(sample.scene, t_end, every) for sample in samples]
         time_step, total, chunk = (np.array(column) for column in zip(*paces, strict=True))
@@ -150,7 +154,9 @@ class Batch:
 
     def midway(self, lane: int) -> Midway:
         """The sample in a lane as it is now."""
-        return Midway(_lane(self.state, lane), float(self.watch.quiet[lane]), float(self.watch.reference[lane]))
+        watch = self.watch
+        quiet, reference = float(watch.quiet[lane]), float(watch.reference[lane])
+        return Midway(_lane(self.state, lane), quiet, reference, watch.rates[:, lane])
 
     def result(self, lane: int) -> Result:
         """Result of a sample that has ended."""
@@ -200,7 +206,7 @@ class Batch:
             self,
             scene=scene,
             state=state,
-            watch=self.watch.restarted(lane, start.quiet, start.reference),
+            watch=self.watch.restarted(lane, start.quiet, start.reference, start.rates),
             numbers=numbers,
             time_step=np.where(here, dt, self.time_step),
             total=np.where(here, total, self.total),

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from foundation import check
 from jaxmpm.run._advance import advance_lanes, running
 from jaxmpm.run._checks import check_state
+from jaxmpm.run._early import check_early
 from jaxmpm.run._stopping import Settle, Watch, check_run, steps_until
 from jaxmpm.setup import check_scene
 from jaxmpm.types import Scene, State, Status
@@ -127,6 +128,7 @@ def solve(
     if axes is None:
         check_scene(scene)
     check_state(scene, state, axes)
+    check_early(None if settle is None else settle.early, scene, state, stop_at)
     outside = [t for t in snapshots if not 0 <= t <= t_end]
     if outside:
         raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")

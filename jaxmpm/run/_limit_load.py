@@ -16,6 +16,7 @@ from jax import Array
 
 from jaxmpm import diagnostics
 from jaxmpm.run._advance import advance_lanes
+from jaxmpm.run._early import check_early, elastic_period
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Settle, Watch, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
@@ -51,12 +52,10 @@ class Times:
         """Times of a scene with gravity; ValueError for a run of `t_end` seconds that is too short for them."""
         z = np.asarray(scene.particles.position[-1], float)
         height = float(z.max() - z.min())
-        density = np.asarray(scene.particles.mass, float) / np.asarray(scene.particles.volume, float)
-        slowest = math.sqrt(float(np.min(np.asarray(scene.material.shear, float) / density)))
         gravity = float(np.linalg.norm(np.asarray(scene.gravity, float)))
         if gravity == 0:
             raise ValueError("gravity = 0 m/s2: a limit load is one of gravity, give it")
-        elastic = 4 * height / slowest
+        elastic = float(elastic_period(scene))
         if t_end < 4 * elastic:
             raise ValueError(
                 f"t_end = {t_end:g} s, but soil this soft takes {elastic:.2g} s for an elastic oscillation: give "
@@ -94,7 +93,9 @@ def displacements(
 
     Raises:
         FloatingPointError: If a lane breaks off.
+        ValueError: If `settle` has a rule that needs a class.
     """
+    check_early(None if settle is None else settle.early, scene, state, None)
     dt = float(scene.time_step)
     chunk = max(1, round(every / dt))
     state, watch = jax.tree.map(jnp.copy, state), Watch.start(np.shape(state.status))

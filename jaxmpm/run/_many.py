@@ -13,6 +13,7 @@ from jax import Array
 from foundation import check
 from jaxmpm.run._batch import Batch, Chunk, Midway, Sample
 from jaxmpm.run._checks import check_state
+from jaxmpm.run._early import check_early
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Settle, check_run
 from jaxmpm.setup import check_names, check_scene, check_start, vary
@@ -73,6 +74,7 @@ def solve_each(
     check_run(t_end, settle, stop_at, least_volume)
     _check_slides_end(t_end, slides_end)
     check_state(scene, state, None)
+    check_early(None if settle is None else settle.early, scene, state, stop_at)
     check_scene(scene)
     if not isinstance(varied, Mapping) or not varied:
         raise ValueError("varied is empty: give the parameters that samples differ in, as in {'strength': strengths}")

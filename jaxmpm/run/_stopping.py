@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
@@ -13,6 +13,7 @@ from jax import Array
 from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm.run._advance import over_lanes
+from jaxmpm.run._early import START, Early, measures
 from jaxmpm.types import Scene, State, Status
 
 
@@ -35,6 +36,7 @@ class Settle:
             seconds the mean displacement of the soil beyond `slides`, plus what other soil moved, does not change, at
             any particle speed. That rule detects a second mass that moves, and ignores single grains. None for no
             slides: their speed then prevents them from settling.
+        early: rule by which the class of a run with `stop_at` is known earlier; None for none.
     """
 
     speed: float = 0.05
@@ -42,6 +44,7 @@ class Settle:
     hold: float = 1.0
     every: float = 0.25
     slides: float | None = None
+    early: Early | None = None
 
     def __post_init__(self) -> None:
         for name, unit in (("speed", "m/s"), ("drift", "m"), ("hold", "s")):
@@ -51,20 +54,21 @@ class Settle:
             check.positive("settle's slides", self.slides, "m")
 
 
-@partial(jax.jit, static_argnames=("axes", "slides", "volume"))
+@partial(jax.jit, static_argnames=("axes", "slides", "volume", "early"))
 def _look(
-    scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None
-) -> tuple[Array, ...]:
+    scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None, early: bool
+) -> tuple[Array, Array, Array | None, tuple[Array, Array] | None]:
     """Speed and largest displacement of each lane, or the displacement that a volume exceeds.
 
-    With `slides` also the mean displacement of each slide.
+    With `slides` also the mean displacement of each slide; with `early` what that rule sees.
     """
 
-    def measures(scene: Scene, state: State) -> tuple[Array, ...]:
-        measured = diagnostics.speed(scene, state), _farthest(scene, state, volume)
-        return measured if slides is None else (*measured, diagnostics.slide_displacement(scene, state, slides))
+    def seen(scene: Scene, state: State) -> tuple[Array, Array, Array | None, tuple[Array, Array] | None]:
+        slid = None if slides is None else diagnostics.slide_displacement(scene, state, slides)
+        speed, displacement = diagnostics.speed(scene, state), _farthest(scene, state, volume)
+        return speed, displacement, slid, measures(scene, state) if early else None
 
-    return over_lanes(measures, axes)(scene, state)
+    return over_lanes(seen, axes)(scene, state)
 
 
 @partial(jax.jit, static_argnames=("axes", "volume"))
@@ -111,24 +115,27 @@ class Watch:
     Args:
         quiet: (B,) or () seconds without motion.
         reference: displacement (m) from which motion is counted, of the same shape.
+        rates: (8, B) or (8,), memory of the rule `Early`.
     """
 
     quiet: np.ndarray
     reference: np.ndarray
+    rates: np.ndarray
 
     @classmethod
     def start(cls, shape: tuple[int, ...]) -> Watch:
         """A watch without memory, for lanes of this shape."""
-        return cls(np.zeros(shape), np.zeros(shape))
+        return cls(np.zeros(shape), np.zeros(shape), np.full((*shape, START.size), START).T)
 
-    def restarted(self, lane: int, quiet: float, reference: float) -> Watch:
-        """The watch with another sample in one lane, at its own time and displacement."""
+    def restarted(self, lane: int, quiet: float, reference: float, rates: np.ndarray) -> Watch:
+        """The watch with another sample in one lane, with its own memory."""
         fresh = np.arange(self.quiet.size) == lane
-        return Watch(np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference))
+        own = np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference)
+        return Watch(*own, np.where(fresh, rates[:, None], self.rates))
 
     def of(self, lanes: np.ndarray) -> Watch:
         """The watch of some lanes."""
-        return Watch(self.quiet[lanes], self.reference[lanes])
+        return Watch(self.quiet[lanes], self.reference[lanes], self.rates[:, lanes])
 
     def look(
         self,
@@ -154,18 +161,27 @@ class Watch:
         Returns:
             The watch afterwards, and the status of each lane; settled and decided ones have ended.
         """
-        slides = None if settle is None else settle.slides
-        speed, displacement, *slid = map(np.asarray, _look(scene, state, axes, slides, least_volume))
+        slides, early = (None, None) if settle is None else (settle.slides, settle.early)
+        looked = jax.device_get(_look(scene, state, axes, slides, least_volume, early is not None))
+        speed, displacement, slid, plastic = looked
         status, watch = np.asarray(state.status), self
         if settle is not None:
             shaken = _still_shaken(scene, state)
             fast, seen = speed > settle.speed, displacement
             if slides is not None:
-                fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid[0], displacement)
+                fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid, displacement)
             moves = np.abs(seen - self.reference) > settle.drift
             quiet = np.where(moves | fast | shaken, 0.0, self.quiet + elapsed)
-            watch = Watch(quiet, np.where(moves, seen, self.reference))
+            watch = Watch(quiet, np.where(moves, seen, self.reference), self.rates)
             status = np.where((status == Status.RUNNING) & (quiet >= settle.hold), Status.SETTLED, status)
         if stop_at is not None:
             status = np.where((status == Status.RUNNING) & (displacement > stop_at), Status.DECIDED, status)
+        if early is not None:
+            strain, half_period = plastic
+            rates, stands, speeds_up = early.judged(self.rates, elapsed, half_period, strain, displacement)
+            watch = replace(watch, rates=rates)
+            time = np.asarray(state.step) * np.asarray(scene.time_step)
+            fails = speeds_up & (early.projected(displacement, time) > stop_at)
+            class_ = np.where(stands, Status.SETTLED, np.where(fails, Status.DECIDED, Status.RUNNING))
+            status = np.where(status == Status.RUNNING, class_, status)
         return watch, status.astype(np.int32)

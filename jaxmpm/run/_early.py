@@ -1,0 +1,152 @@
+"""Rule by which the class of a lane is known before it rests or has moved far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from foundation import check
+from jaxmpm.types import Scene, State
+
+START = np.array([0.0, 0.0, np.nan, 0.0, np.inf, 0.0, np.nan, 0.0])
+"""Memory of the rule at the start of a run without plastic strain, see `Early.judged`."""
+
+
+@dataclass(frozen=True)
+class Early:
+    """Rule by which the rate of plastic strain decides the class of a lane of softening soil.
+
+    A block on a band that softens linearly moves at v = A exp(l t) + B exp(-l t), where l^2 is the loss of resistance
+    per displacement over its mass. It stands if A <= 0, and v then falls faster than exp(-l t). If v grows, A > 0: the
+    block speeds up while its soil softens, and does not slow down when that has ended. The mean plastic shear strain of
+    the soil stands for the displacement of the block, since elastic oscillation never reduces it.
+
+    Rates are those over windows of one look, or of as many as half of the slowest elastic oscillation takes. A lane
+    stands once two of them have fallen: that of the plastic strain, and that of the largest displacement, so that a
+    part of a wide slope counts as well. A rate has fallen if it is at most `decay` of the one before, or `decay`^2 of
+    the largest so far: v of a block that fails then has A / B < `decay`^4 / 4.
+
+    Args:
+        horizon: time (s) by which a lane that speeds up has to pass `stop_at`. It is decided only if its displacement
+            by then would exceed `stop_at` at its mean speed so far, too.
+        decay: share of the rate in the window before, see above.
+        growth: rate over the least one so far, from which on up the lane is decided, unless the rate is below `decay`
+            of the largest one.
+
+    Raises:
+        ValueError: If the horizon is not above 0, the decay not between 0 and 1, or the growth not above 1.
+    """
+
+    horizon: float
+    decay: float = 0.2
+    growth: float = 1.5
+
+    def __post_init__(self) -> None:
+        check.positive("early's horizon", self.horizon, "s")
+        check.between("early's decay", self.decay, 0.0, 1.0)
+        check.positive("early's growth - 1", self.growth - 1)
+
+    def projected(self, displacement: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Displacement (m) at the horizon of lanes that go on at their mean speed so far.
+
+        Args:
+            displacement: so far (m).
+            time: so far (s), above 0.
+        """
+        return np.asarray(displacement * np.maximum(self.horizon / np.maximum(time, 1e-30), 1.0))
+
+    def judged(
+        self,
+        memory: np.ndarray,
+        elapsed: float | np.ndarray,
+        half_period: np.ndarray,
+        strain: np.ndarray,
+        displacement: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Apply the rule after some time, to one lane or to B.
+
+        Args:
+            memory: (8,) or (8, B): seconds since the window began; plastic strain then; rate of plastic strain in the
+                window before (1/s); the largest and the least rate of any window; displacement when the window began
+                (m); its growth in the window before, and its fastest in any window (m/s).
+            elapsed: time since the last look (s).
+            half_period: shortest duration of a window (s).
+            strain: mean plastic shear strain.
+            displacement: largest displacement (m).
+
+        Returns:
+            The memory afterwards, whether the lane stands, and whether it speeds up.
+        """
+        since, began, before, largest, least, moved, speed_before, fastest = memory
+        since = since + elapsed
+        ends = since >= half_period * (1 - 1e-6)
+        rate, speed = (strain - began) / since, (displacement - moved) / since
+        largest_now, fastest_now = np.maximum(largest, rate), np.maximum(fastest, speed)
+        stands = ends & self._falls(rate, before, largest_now) & self._falls(speed, speed_before, fastest_now)
+        speeds_up = ends & (rate >= self.growth * least) & (rate >= self.decay * largest_now)
+        least_now = np.where(rate > 0, np.minimum(least, rate), least)
+        new = np.zeros_like(rate), strain, rate, largest_now, least_now, displacement, speed, fastest_now
+        same = since, began, before, largest, least, moved, speed_before, fastest
+        return np.stack([np.where(ends, *pair) for pair in zip(new, same, strict=True)]), stands, speeds_up
+
+    def _falls(self, rate: np.ndarray, before: np.ndarray, largest: np.ndarray) -> np.ndarray:
+        """Whether a rate falls faster than that of a block that may still speed up; none in the first window."""
+        return (rate <= self.decay * before) | (rate <= self.decay**2 * largest)
+
+
+def measures(scene: Scene, state: State) -> tuple[Array, Array]:
+    """Mean plastic shear strain by initial volume, and half the period (s) of the slowest elastic oscillation.
+
+    Args:
+        scene: of one lane, of softening soil.
+        state: of one lane.
+    """
+    volume = scene.particles.volume
+    return jnp.sum(volume * state.history) / jnp.sum(volume), elastic_period(scene) / 2
+
+
+def elastic_period(scene: Scene) -> Array:
+    """Period of the slowest oscillation, four travels of the slowest shear wave through the soil's height.
+
+    Args:
+        scene: with a material that has `shear`.
+
+    Returns:
+        () s.
+    """
+    particles, height = scene.particles, scene.particles.position[-1]
+    slowest = jnp.sqrt(jnp.min(scene.material.shear * particles.volume / particles.mass))
+    return 4 * (jnp.max(height) - jnp.min(height)) / slowest
+
+
+def check_early(early: Early | None, scene: Scene, state: State, stop_at: float | None) -> None:
+    """Check that a run has what the rule needs.
+
+    Args:
+        early: the rule, None for none.
+        scene: to run.
+        state: at the start.
+        stop_at: displacement that decides the class (m), None for none.
+
+    Raises:
+        ValueError: If no class is asked for, the base moves, the soil does not soften, or it has strained plastically.
+    """
+    if early is None:
+        return
+    if stop_at is None:
+        raise ValueError("settle has early, which decides a class, and stop_at is None: give stop_at, or early = None")
+    if scene.motion is not None:
+        raise ValueError("settle has early, and the base moves, which can stop a slide or start one: give early = None")
+    if np.shape(state.history) != np.shape(state.volume_ratio):
+        raise ValueError(
+            f"settle has early, which needs plastic strain, and {type(scene.material).__name__} has none since it does "
+            "not soften: give early = None"
+        )
+    if np.any(np.asarray(state.history) > 0):
+        raise ValueError(
+            "settle has early, which counts plastic strain from 0, and the state has some: start at rest, or give "
+            "early = None"
+        )
