@@ -25,16 +25,17 @@ class Early:
     the soil stands for the displacement of the block, since elastic oscillation never reduces it.
 
     Rates are those over windows of one look, or of as many as half of the slowest elastic oscillation takes. A lane
-    stands once two of them have fallen: that of the plastic strain, and that of the largest displacement, so that a
-    part of a wide slope counts as well. A rate has fallen if it is at most `decay` of the one before, or `decay`^2 of
-    the largest so far: v of a block that fails then has A / B < `decay`^4 / 4.
+    fails once the rate of plastic strain exceeds `growth` times the least one so far. It stands once that rate is at
+    most `decay` of the one in the window before: -l is less steep than ln(decay) per window. The largest displacement
+    must not grow faster than that either, so that a part of a wide slope counts as well, or than `decay`^2 of its
+    fastest growth, below which it oscillates.
 
     Args:
         horizon: time (s) by which a lane that speeds up has to pass `stop_at`. It is decided only if its displacement
             by then would exceed `stop_at` at its mean speed so far, too.
-        decay: share of the rate in the window before, see above.
-        growth: rate over the least one so far, from which on up the lane is decided, unless the rate is below `decay`
-            of the largest one.
+        decay: rate of a lane that stands over that of the window before. A lane whose rate is below this share of its
+            largest one is not decided.
+        growth: rate of a lane that fails over the least one so far.
 
     Raises:
         ValueError: If the horizon is not above 0, the decay not between 0 and 1, or the growth not above 1.
@@ -85,16 +86,13 @@ class Early:
         ends = since >= half_period * (1 - 1e-6)
         rate, speed = (strain - began) / since, (displacement - moved) / since
         largest_now, fastest_now = np.maximum(largest, rate), np.maximum(fastest, speed)
-        stands = ends & self._falls(rate, before, largest_now) & self._falls(speed, speed_before, fastest_now)
+        still = (speed <= self.decay * speed_before) | (speed <= self.decay**2 * fastest_now)
+        stands = ends & (rate <= self.decay * before) & still
         speeds_up = ends & (rate >= self.growth * least) & (rate >= self.decay * largest_now)
         least_now = np.where(rate > 0, np.minimum(least, rate), least)
         new = np.zeros_like(rate), strain, rate, largest_now, least_now, displacement, speed, fastest_now
         same = since, began, before, largest, least, moved, speed_before, fastest
         return np.stack([np.where(ends, *pair) for pair in zip(new, same, strict=True)]), stands, speeds_up
-
-    def _falls(self, rate: np.ndarray, before: np.ndarray, largest: np.ndarray) -> np.ndarray:
-        """Whether a rate falls faster than that of a block that may still speed up; none in the first window."""
-        return (rate <= self.decay * before) | (rate <= self.decay**2 * largest)
 
 
 def measures(scene: Scene, state: State) -> tuple[Array, Array]:
