@@ -20,6 +20,8 @@ MORE = 50
 """Further refined runs whose effect is given, or fewer where fewer are left."""
 NEAR_FAILURE = 0.2
 """Share of the failure displacement from which a standing slope is close to failure."""
+EARLY_TESTED = 657
+"""Runs on which the rule of early classes was tested; it changed none (`python -m benchmarks early`)."""
 
 
 def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
@@ -234,6 +236,15 @@ def notes_of(
             f"{near.sum()} of {stands.sum()} refined runs that stand settled after {displacement[near].max():.2g} m, "
             f"more than {NEAR_FAILURE:g} of the {run.failure_displacement:g} m of a failure: such a slope can creep on "
             "and fail later. [run] settle = false runs every sample to t_end"
+        )
+    classes = [grid for grid, stop in (("rough", campaign.plan.screening_stop), ("refined", campaign.plan.slides))
+               if stop is not None]  # fmt: skip
+    settle = campaign.settles(run.failure_displacement)
+    if settle is not None and settle.early is not None and classes:
+        notes.append(
+            f"{' and '.join(classes)} runs ended once the rate of their plastic strain showed the class ([run] early). "
+            f"In {EARLY_TESTED} runs of other samples this changed no class: an error of at most "
+            f"{3 / EARLY_TESTED:.2%} (95 %)"
         )
     return tuple(notes)
 

@@ -106,6 +106,7 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
         "seconds": point.seconds,
         "quiet": point.midway.quiet,
         "reference": point.midway.reference,
+        "rates": point.midway.rates,
         "times": np.asarray(motion.times),
         "moved": motion.moved,
         "onset": motion.onset,
@@ -159,4 +160,8 @@ def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) ->
     times = tuple(about["times"].tolist())
     motion = replace(start, times=times, moved=about["moved"], onset=about["onset"])
     midway = Midway(state, float(about["quiet"]), float(about["reference"]))
+    if "rates" in about:  # which earlier versions did not write
+        if np.shape(about["rates"]) != midway.rates.shape:
+            raise files.DamagedFile(f"{path} holds rates of shape {np.shape(about['rates'])}")
+        midway = replace(midway, rates=np.asarray(about["rates"]))
     return RestartPoint(midway, motion, Frames.of(about), float(about["seconds"]))

@@ -93,8 +93,9 @@ def run_samples(
     soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(names))
     varied = {name: map(itemgetter(name), own) for name, own in zip(names, soils, strict=True)}
     for number, result in solve_each(
-        model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end, settle=run.settle,
-        slides_end=model.slides_end, stop_at=stop_at, least_volume=run.least_volume, on_chunk=looked,
+        model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end,
+        settle=model.campaign.settles(stop_at), slides_end=model.slides_end, stop_at=stop_at,
+        least_volume=run.least_volume, on_chunk=looked,
         observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
     ):  # fmt: skip
         lane = under_way.lanes.pop(number)
@@ -204,7 +205,8 @@ def finished(
     """The record of a run; its mode too, where its past was remembered, and its frames if it failed.
 
     A run that broke off, or a refined one that ended once it had failed, has no consequences, only the displacement it
-    had reached.
+    had reached. Where classes are known early, the displacement of a run that ended once it had failed is the one that
+    it would reach by t_end at its mean speed.
 
     Args:
         model: the grid.
@@ -227,6 +229,7 @@ def finished(
             fields["plastic_strain"] = np.asarray(history, np.float32)
     row: dict[str, Scalar]
     volume, least = np.asarray(scene.particles.volume), campaign.run.least_volume
+    limit = campaign.run.failure_displacement
     if bool(result.broke_off) or decided:
         reached = np.linalg.norm(displacement, axis=0)
         row = {
@@ -235,7 +238,7 @@ def finished(
         }
     else:
         run = np.asarray(scene.particles.position), displacement, volume
-        geometry, half, limit = model.geometry, model.half_size, campaign.run.failure_displacement
+        geometry, half = model.geometry, model.half_size
         measured = consequences(
             *run, geometry, half_size=half, failure_displacement=limit, reach=model.reach, least_volume=least
         )
@@ -253,6 +256,10 @@ def finished(
             mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
             row |= mode_row(mode)
             fields["slice_depth"] = mode.depth.astype(np.float32)
+    settle = campaign.settles(limit)
+    if settle is not None and settle.early is not None and int(result.status) == Status.DECIDED:
+        time = float(result.state.step * result.time_step)
+        row["displacement"] = float(settle.early.projected(np.asarray(row["displacement"], float), np.asarray(time)))
     row |= {} if level is None else {"water_level": level}
     return Sample(
         number=number,

@@ -24,7 +24,7 @@ from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
-from jaxmpm import Discretisation, ground
+from jaxmpm import Discretisation, Settle, ground
 from jaxmpm.soil import AnySoil
 
 V = TypeVar("V")
@@ -187,6 +187,14 @@ class Campaign:
         site: Site = self.ground
         return site
 
+    def settles(self, stop_at: float | None) -> Settle | None:
+        """When one of its runs has settled; None for never.
+
+        Args:
+            stop_at: displacement (m) that decides its class, None where more than the class is asked for.
+        """
+        return self.run.settles(stop_at, self.site.softens(self.soil))
+
     @property
     def grids(self) -> Mapping[str, Discretisation]:
         """Discretisation of "rough" and "refined"."""
@@ -226,7 +234,7 @@ def check_campaign(campaign: Campaign) -> None:
             tables.read(table, {name: each for name, each in numbers.items() if name in table.model_fields})
         except ValueError as error:
             raise ValueError(f"Campaign({argument}={type(value).__name__}(...)): {error}") from error
-    run.check(campaign.dimension)
+    run.check(campaign.dimension, campaign.site.softens(campaign.soil))
     own_start = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
     own_start += [] if campaign.site.level is None else ["water level"]
     if campaign.site.ends == "free field" and own_start:

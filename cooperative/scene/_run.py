@@ -11,6 +11,7 @@ from cooperative.scene import tables
 from cooperative.scene.tables import LimitLoad
 from foundation.text import shown
 from jaxmpm import BaseMotion, Settle
+from jaxmpm.run import Early
 
 AT_REST = Settle(slides=1.0)
 """Stands for a slide's rest, from the failure displacement on."""
@@ -42,6 +43,7 @@ class Run:
         least_volume: of soil that moves so far where a slope fails (m3, in a section m2), None for any particle.
         settle: when a lane has settled, None for never; unless given, a slide, which exceeds the failure displacement,
             once its deposit rests.
+        early: whether a run of which only the class is asked for ends by `jaxmpm.run.Early`; None where that holds.
     """
 
     gravity: float = 9.81
@@ -55,6 +57,7 @@ class Run:
     k_v: float = 0.0
     motion: BaseMotion | None = None
     strength_factor: float = 1.0
+    early: bool | None = None
 
     def __post_init__(self) -> None:
         if self.settle is AT_REST:
@@ -69,15 +72,36 @@ class Run:
         """Time (s) at which a run of a grid ends at the latest."""
         return self.t_end if grid == "rough" or self.slides_t_end is None else self.slides_t_end
 
-    def check(self, dimension: int) -> None:
+    def settles(self, stop_at: float | None, softens: bool) -> Settle | None:
+        """When a run has settled, by `early` too where that holds; None for never.
+
+        Args:
+            stop_at: displacement (m) that decides the class, None where more than the class is asked for.
+            softens: whether all soil does.
+        """
+        if self.settle is None or stop_at is None or self.early is False or self._never_early(softens):
+            return self.settle
+        return replace(self.settle, early=Early(self.t_end))
+
+    def _never_early(self, softens: bool) -> str | None:
+        """Why `early` does not hold, None where it does."""
+        if self.settle is None:
+            return "settle is off"
+        return "the base moves" if self.motion is not None else None if softens else "not all soil softens"
+
+    def check(self, dimension: int, softens: bool) -> None:
         """Check what goes together.
 
         Args:
             dimension: number of the ground's axes.
+            softens: whether all soil does.
 
         Raises:
-            ValueError: slides that end before other runs, or a motion of other axes or beyond the end of the run.
+            ValueError: slides that end before other runs, a rule that does not hold, or a motion of other axes or
+                beyond the end of the run.
         """
+        if self.early and (why := self._never_early(softens)):
+            raise ValueError(f"early = true, and {why}: its rule would decide wrong classes, leave it out")
         if self.slides_t_end is not None and self.slides_t_end < self.t_end:
             raise ValueError(
                 f"slides_t_end = {self.slides_t_end:g} s is before t_end = {self.t_end:g} s, up to which all runs go: "

@@ -136,6 +136,10 @@ class Site:
         """
         return [replace(each, soil=_at_least_strength(each.soil)) for each in self._bare or [Layer(soil)]]
 
+    def softens(self, soil: AnySoil) -> bool:
+        """Whether all soil loses strength with plastic strain, that of layers or the campaign's own."""
+        return all(getattr(each.soil, "softens", False) for each in self._bare or [Layer(soil)])
+
     def by_stress(self, soil: AnySoil | None) -> list[StrengthByStress | None] | None:
         """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest.
 

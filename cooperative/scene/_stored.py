@@ -95,6 +95,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
         "cfl": tables.Grid.model_fields["cfl"].default,
         "gap_memory": tables.Soil.model_fields["gap_memory"].default,
         "valley": tables.Campaign.model_fields["valley"].default,
+        "early": True,
     }
     return Source(source.text, {**source.beside, "defaults": today})
 

@@ -181,6 +181,8 @@ def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
         for name, key in DEFAULTS:
             if name in changes and key not in getattr(scene, name).model_fields_set:
                 changes[name][key] = getattr(scene.defaults, key)
+        if scene.run.early is None and not scene.defaults.early:
+            changes["run"] = {"early": False}
     return scene.model_copy(
         update={name: getattr(scene, name).model_copy(update=change) for name, change in changes.items()}
     )

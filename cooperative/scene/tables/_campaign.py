@@ -132,6 +132,13 @@ class Run(Table):
     )
     settle: bool = key("Whether a run ends once its slope has come to rest.", True, True)
     rest: bool | None = key("Whether a slide ends once its deposit rests.", True, None, otherwise="as `settle`")
+    early: bool | None = key(
+        "Whether a run of which only the class is asked for ends once the rate of its plastic strain shows it, see "
+        "[settings](settings.md#early-classes).",
+        False,
+        None,
+        otherwise="`true` where all soil softens, runs settle and nothing shakes them",
+    )
 
     @validates(mode="after")
     def _settles(self) -> Self:

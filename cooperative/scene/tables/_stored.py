@@ -89,7 +89,7 @@ class FieldModes(Table):
 
 
 class Defaults(Table):
-    """Defaults of both grids and of the soil that were others once, as they were at the campaign's start.
+    """Defaults of both grids, of the soil and of runs that were others once, as they were at the campaign's start.
 
     A key that it lacks is younger than the campaign.
     """
@@ -97,6 +97,7 @@ class Defaults(Table):
     cfl: AboveZero = key("Of both grids.", 0.5)
     gap_memory: bool = key("Of the soil.", False, False)
     valley: AboveZero = key("Of the campaign. Earlier versions asked for a lull, which is about this.", 0.05, 0.05)
+    early: bool = key("Whether runs may end by `early`.", False, False)
 
 
 class GivenEstimator(Table):

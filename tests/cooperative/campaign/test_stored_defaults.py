@@ -33,9 +33,9 @@ def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
 
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     source = settled(TINY, tmp_path)
-    assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True}}
+    assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True, "early": True}}
     with open_store(tmp_path, source) as store:
-        assert store.digest == scene_digest(TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\n")
+        assert store.digest == scene_digest(TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\nearly = true\n")
     assert (tmp_path / "scene.toml").read_text() == TINY
     stored = (tmp_path / "campaign.json").read_text()
     (tmp_path / "campaign.json").write_text(stored.replace("0.9", "0.7"))
@@ -85,6 +85,20 @@ def test_a_folder_that_is_older_than_a_default_goes_on_without_it(scene, tmp_pat
         assert held.digest == scene_digest(stored)
     own = LAYERED.replace("tension_cutoff = 0.0", "tension_cutoff = 0.0\ngap_memory = true")
     assert remembers(own + "\n[defaults]\ncfl = 0.9\n") == {True}
+
+
+def ends_early(asked):
+    """Whether runs of which only the class is asked for end early."""
+    return parse(asked).settles(stop_at=1.0).early is not None
+
+
+def test_runs_of_folders_that_are_older_than_early_classes_do_not_end_early(tmp_path):
+    (tmp_path / "scene.toml").write_text(TINY + "\n[defaults]\ncfl = 0.9\ngap_memory = true\n")
+    assert ends_early(TINY)
+    assert ends_early(settled(TINY, tmp_path / "new"))
+    assert not ends_early(settled(TINY, tmp_path))
+    assert not ends_early(TINY.replace("[run]", "[run]\nearly = false"))
+    assert ends_early(settled(TINY.replace("[run]", "[run]\nearly = true"), tmp_path))
 
 
 class _Looked(Exception):
