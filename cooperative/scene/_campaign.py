@@ -193,7 +193,7 @@ class Campaign:
         Args:
             stop_at: displacement (m) that decides its class, None where more than the class is asked for.
         """
-        return self.run.settles(stop_at, self.site.softens(self.soil))
+        return self.run.settles(stop_at, self.site.softens_linearly(self.soil))
 
     @property
     def grids(self) -> Mapping[str, Discretisation]:
@@ -234,7 +234,7 @@ def check_campaign(campaign: Campaign) -> None:
             tables.read(table, {name: each for name, each in numbers.items() if name in table.model_fields})
         except ValueError as error:
             raise ValueError(f"Campaign({argument}={type(value).__name__}(...)): {error}") from error
-    run.check(campaign.dimension, campaign.site.softens(campaign.soil))
+    run.check(campaign.dimension, campaign.site.softens_linearly(campaign.soil))
     own_start = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
     own_start += [] if campaign.site.level is None else ["water level"]
     if campaign.site.ends == "free field" and own_start:

@@ -77,7 +77,7 @@ class Run:
 
         Args:
             stop_at: displacement (m) that decides the class, None where more than the class is asked for.
-            softens: whether all soil does.
+            softens: whether all soil does, linearly.
         """
         if self.settle is None or stop_at is None or self.early is False or self._never_early(softens):
             return self.settle
@@ -87,21 +87,24 @@ class Run:
         """Why `early` does not hold, None where it does."""
         if self.settle is None:
             return "settle is off"
-        return "the base moves" if self.motion is not None else None if softens else "not all soil softens"
+        return "the base moves" if self.motion is not None else None if softens else "not all soil softens linearly"
 
     def check(self, dimension: int, softens: bool) -> None:
         """Check what goes together.
 
         Args:
             dimension: number of the ground's axes.
-            softens: whether all soil does.
+            softens: whether all soil does, linearly.
 
         Raises:
             ValueError: slides that end before other runs, a rule that does not hold, or a motion of other axes or
                 beyond the end of the run.
         """
         if self.early and (why := self._never_early(softens)):
-            raise ValueError(f"early = true, and {why}: its rule would decide wrong classes, leave it out")
+            raise ValueError(
+                f"early = true, and {why}: its rule holds for slopes that settle unshaken, of soil with "
+                "softening_modulus: leave it out"
+            )
         if self.slides_t_end is not None and self.slides_t_end < self.t_end:
             raise ValueError(
                 f"slides_t_end = {self.slides_t_end:g} s is before t_end = {self.t_end:g} s, up to which all runs go: "

@@ -136,9 +136,10 @@ class Site:
         """
         return [replace(each, soil=_at_least_strength(each.soil)) for each in self._bare or [Layer(soil)]]
 
-    def softens(self, soil: AnySoil) -> bool:
-        """Whether all soil loses strength with plastic strain, that of layers or the campaign's own."""
-        return all(getattr(each.soil, "softens", False) for each in self._bare or [Layer(soil)])
+    def softens_linearly(self, soil: AnySoil) -> bool:
+        """Whether all soil loses strength in proportion to plastic strain, that of layers or the campaign's own."""
+        soils = [each.soil for each in self._bare or [Layer(soil)]]
+        return all(getattr(each, "softening_modulus", None) is not None for each in soils)
 
     def by_stress(self, soil: AnySoil | None) -> list[StrengthByStress | None] | None:
         """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest.

@@ -137,7 +137,7 @@ class Run(Table):
         "[settings](settings.md#early-classes).",
         False,
         None,
-        otherwise="`true` where all soil softens, runs settle and nothing shakes them",
+        otherwise="`true` where all soil has a `softening_modulus`, runs settle and nothing shakes them",
     )
 
     @validates(mode="after")

@@ -49,7 +49,10 @@ def test_where_more_than_the_class_is_asked_for_nothing_ends_early(model):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("softening_modulus = 85e3", ""), r"early = true, and not all soil softens: its rule would decide wrong"),
+        (
+            ("softening_modulus = 85e3", ""),
+            r"early = true, and not all soil softens linearly: its rule holds for slopes that settle",
+        ),
         (("[run]\n", "[run]\nsettle = false\n"), r"early = true, and settle is off"),
     ],
 )
