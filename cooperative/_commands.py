@@ -12,7 +12,7 @@ from pathlib import Path
 
 import jax
 
-from cooperative import __version__, campaign, doctor, runs, safety, site, sweep
+from cooperative import __version__, campaign, doctor, runs, site, sweep
 from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
@@ -120,6 +120,8 @@ def sketch(given: argparse.Namespace) -> None:
 
 def stability(given: argparse.Namespace) -> None:
     """Compute a slope's factor of safety, by limit equilibrium in seconds and by the solver's limit load."""
+    from cooperative import safety  # which imports matplotlib
+
     scene, start = parse(given.scene), time.perf_counter()
     folder = given.out or given.scene.with_name(f"{given.scene.stem}-fos")
 

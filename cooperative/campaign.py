@@ -79,21 +79,22 @@ def run(
     runs.packed(campaign)  # nothing is written for one that cannot be sent
     runs.check_size(campaign, workers if executor is None else 1)
     with runs.stop_by_signals() as stop:
-        with stop.at_once():
-            models = _models(unmeasured, folder)
-        alone = executor is None and workers == 1
-        pool = None if alone else runs.Workers(executor or partial(runs.process_pool, workers), workers)
-        opened = closing(pool.opened()) if pool else nullcontext()
-        with opened, open_store(folder, source, verify=verify) as store:
+        alone, own = executor is None and workers == 1, 0 if executor else workers
+        pool = None if alone else runs.Workers(executor or partial(runs.process_pool, workers), workers, own)
+        with closing(pool) if pool else nullcontext():
             with stop.at_once():
-                for model in models.values():
-                    runs.keep_initial(folder, model.grid, model.scene, model.state)
-                if campaign.raised is not None:
-                    write_budget(folder, campaign.raised)
-                campaign = measure(campaign, folder, models["rough"].soil.counts, models)
-                models = {grid: model.with_measured(campaign) for grid, model in models.items()}
-                runs.keep_ground(folder, models)
-            with runs.bars(folder, progress) as bar:
+                if pool:
+                    pool.prepare(runs.packed(unmeasured), folder.resolve())
+                models = _models(unmeasured, folder)
+            with open_store(folder, source, verify=verify) as store, runs.bars(folder, progress) as bar:
+                with stop.at_once():
+                    for model in models.values():
+                        runs.keep_initial(folder, model.grid, model.scene, model.state)
+                    if campaign.raised is not None:
+                        write_budget(folder, campaign.raised)
+                    campaign = measure(campaign, folder, models["rough"].soil.counts, models)
+                    models = {grid: model.with_measured(campaign) for grid, model in models.items()}
+                    runs.keep_ground(folder, models)
                 return _ran(_Runs(campaign, models, pool, stop, folder.resolve(), bar), store, on_phase)
 
 

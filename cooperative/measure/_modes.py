@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from cooperative.measure._consequences import checked, largest_per_slice, overlapped_slices
 from cooperative.measure._onsets import Motion, releases
@@ -168,6 +167,8 @@ def separate_masses(depth: np.ndarray, share: np.ndarray, slope_height: float, r
         slope_height: from toe to crest (m).
         rules: limits of the rules.
     """
+    from scipy.signal import find_peaks  # takes a tenth of a second, which no campaign without slides needs
+
     padded = np.concatenate([[0.0], depth, [0.0]])
     peaks = find_peaks(padded, prominence=rules.separation * slope_height)[0] - 1
     if peaks.size == 0:

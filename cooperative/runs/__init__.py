@@ -22,7 +22,7 @@ from cooperative.runs._reach import Reach, reach_of
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, finished, run_samples
 from cooperative.runs._sampling import coefficients_of, phases_of, samples_of, sampling_of
-from cooperative.runs._size import Cost, GridSize, check_coefficients, check_size, cost_of, grid_size
+from cooperative.runs._size import Cost, GridSize, check_coefficients, check_size, cost_of, grid_size, seconds_per_step
 from cooperative.runs._stopping import Stop, Stopped, stop_by_signals
 
 __all__ = [
@@ -75,6 +75,7 @@ __all__ = [
     "run_through",
     "samples_of",
     "sampling_of",
+    "seconds_per_step",
     "soil_of",
     "stop_by_signals",
 ]

@@ -22,8 +22,8 @@ except ImportError:
 
 from jaxmpm.transfer import native_library
 
-SHORTEST = 0.1
-"""Seconds from which on a compilation is worth keeping."""
+SHORTEST = 0.0
+"""Seconds from which on a compilation is worth keeping: the hundred small ones of a start take a second together."""
 
 VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 

@@ -163,6 +163,19 @@ _campaigns: dict[str, Campaign] = {}
 """The campaign that this worker runs samples of, by its checksum."""
 
 
+def prepare(campaign: Packed, folder: Path) -> None:
+    """Build the rough grid in a worker before its first sample, so that what that takes to compile is there then.
+
+    Args:
+        campaign: packed with its content; not yet measured.
+        folder: of the campaign.
+    """
+    assert campaign.content is not None
+    unmeasured = unpacked(campaign.content)
+    soil = random_soil(unmeasured)
+    build(unmeasured, "rough", soil, folder=folder).varied(np.zeros(soil.modes, np.float32))
+
+
 @lru_cache(maxsize=2)
 def _prepared(key: str, grid: str, folder: Path | None) -> GridModel:
     campaign = _campaigns[key]
@@ -176,11 +189,14 @@ class Workers:
     Args:
         make: gives an executor.
         count: samples handed out to it at a time.
+        ahead: further samples that wait for a worker, where their order is fixed; one for each process of this
+            machine, 0 for other executors.
         executor: the one in use, None before the first.
     """
 
     make: Callable[[], Executor]
     count: int
+    ahead: int = 0
     executor: Executor | None = None
 
     def opened(self) -> Workers:
@@ -188,6 +204,19 @@ class Workers:
         if self.executor is None:
             self.executor = self.make()
         return self
+
+    def prepare(self, campaign: Packed, folder: Path) -> None:
+        """Open the executor, and have the processes of this machine build the rough grid before their samples.
+
+        Nobody waits for it, and an error in it shows again in the samples.
+
+        Args:
+            campaign: packed with its content; not yet measured.
+            folder: of the campaign.
+        """
+        self.opened()
+        for _ in range(self.ahead):
+            self.submit(prepare, campaign, folder)
 
     def submit(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Submit a task to the executor, which is made if there is none."""
@@ -243,6 +272,8 @@ def run_through(
     deaths: Counter[int] = Counter()
     pending: dict[Future[Sample | None], int] = {}
     alone, broken, refused = workers.count == 1, False, 0
+    # The estimator chooses refined samples by what is known, so none of these may wait.
+    places = workers.count + (workers.ahead if grid == "rough" else 0)
 
     known = Packed(campaign.key)
 
@@ -261,7 +292,7 @@ def run_through(
 
     while True:
         look()
-        while len(pending) < workers.count and not broken and (number := next(waiting, None)) is not None:
+        while len(pending) < places and not broken and (number := next(waiting, None)) is not None:
             submit(number)
         if not pending:
             if not suspects:
