@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import runs
-from cooperative.estimate import Estimate, Estimator
+from cooperative.estimate import Estimate, Estimator, Phases
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import GRIDS, SLIDES, Rows, Store, lock_holder, read_rows, read_store, sample_path
 from cooperative.summary import slides_of
@@ -30,11 +30,11 @@ class GridProgress:
     """One grid, or the slides on the refined one.
 
     Args:
+        grid: its name.
         done: finished samples.
-        planned: of how many, None where the stopping rule alone will tell.
+        planned: of how many.
         at_least: whether `planned` may grow.
-        hourly: samples per hour of late, nan before the second.
-        seconds_left: to go, nan where nothing tells.
+        pace: seconds from one finished sample to the next, nan where nothing tells.
         broke_off: runs that broke off.
         damaged: files that cannot be trusted and will be redone.
     """
@@ -43,10 +43,19 @@ class GridProgress:
     done: int
     planned: int
     at_least: bool
-    hourly: float
-    seconds_left: float
-    broke_off: int
-    damaged: tuple[str, ...]
+    pace: float
+    broke_off: int = 0
+    damaged: tuple[str, ...] = ()
+
+    @property
+    def hourly(self) -> float:
+        """Samples per hour of late, nan before the second."""
+        return 3600 / self.pace if self.done > 1 and self.pace > 0 else float("nan")
+
+    @property
+    def seconds_left(self) -> float:
+        """To go (s), nan where nothing tells."""
+        return max(self.planned - self.done, 0) * self.pace
 
 
 @dataclass(frozen=True)
@@ -85,12 +94,24 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     pace = {grid: _pace(store, grid, rows[grid]) for grid in GRIDS}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)
-    grids = tuple(_grid(campaign, grid, rows, pace[grid]) for grid in GRIDS)
+    rough, refined = (rows[grid] for grid in GRIDS)
+    phases = runs.phases_of(campaign, rough, refined)
+    planned = {"rough": (planned_rough(campaign), False), "refined": planned_refined(campaign, phases, rough, refined)}
+    grids = [
+        GridProgress(
+            grid, len(mine.numbers), *planned[grid], pace[grid],
+            int(np.sum(mine.columns.get("broke_off", np.zeros(0)))), mine.damaged,
+        )
+        for grid, mine in rows.items()
+    ]  # fmt: skip
     if campaign.plan.slides:
-        grids += (_slides(campaign, store, rows),)
+        # Of how many is known once the audit has ended.
+        drawn, may_grow = slides_of(campaign, phases, refined), phases.why_finished is None
+        of_slides = _pace(store, SLIDES, read_rows(store, SLIDES))
+        grids.append(GridProgress(SLIDES, int(drawn.slid.sum()), drawn.planned, may_grow, of_slides))
     # Before the screening is complete it is the share that fails on the rough grid.
-    estimate = runs.phases_of(campaign, *(rows[grid] for grid in GRIDS)).estimate if rows["rough"].numbers else None
-    return Progress(campaign.name, *_controller(store), grids, estimate)
+    estimate = phases.estimate if rough.numbers else None
+    return Progress(campaign.name, *_controller(store), tuple(grids), estimate)
 
 
 def watched(folder: str | Path, every: float, *, estimator: Estimator | None = None) -> Iterator[str]:
@@ -114,7 +135,7 @@ def watched(folder: str | Path, every: float, *, estimator: Estimator | None = N
         time.sleep(every)
 
 
-def planned_refined(campaign: Campaign, rough: Rows, refined: Rows) -> tuple[int, bool]:
+def planned_refined(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> tuple[int, bool]:
     """Refined runs of the campaign in all, and whether they may become more.
 
     The budget, or where there is none the runs asked for so far.
@@ -125,7 +146,7 @@ def planned_refined(campaign: Campaign, rough: Rows, refined: Rows) -> tuple[int
         return max(most, done), False
     if len(rough.numbers) < planned_rough(campaign):
         return done + 1, True
-    missing = runs.phases_of(campaign, rough, refined).next_runs(campaign.plan.samples, ())
+    missing = phases.next_runs(campaign.plan.samples, ())
     return done + len(missing), bool(missing)
 
 
@@ -183,36 +204,6 @@ def words(progress: Progress) -> str:
     )
     lines += [f"  note: {note}" for note in estimate.notes]
     return "\n".join(map(printable, lines))
-
-
-def _grid(campaign: Campaign, grid: str, rows: dict[str, Rows], pace: float) -> GridProgress:
-    mine = rows[grid]
-    done = len(mine.numbers)
-    planned, at_least = planned_rough(campaign), False
-    if grid == "refined":
-        planned, at_least = planned_refined(campaign, rows["rough"], rows["refined"])
-    return GridProgress(
-        grid,
-        done,
-        planned,
-        at_least=at_least,
-        hourly=3600 / pace if done > 1 and pace > 0 else float("nan"),
-        seconds_left=max(planned - done, 0) * pace,
-        broke_off=int(np.sum(mine.columns.get("broke_off", np.zeros(0)))),
-        damaged=mine.damaged,
-    )
-
-
-def _slides(campaign: Campaign, store: Store, rows: dict[str, Rows]) -> GridProgress:
-    """Failures that slide on to their end; of how many is known once the audit has ended."""
-    phases = runs.phases_of(campaign, *(rows[grid] for grid in GRIDS))
-    drawn = slides_of(campaign, phases, rows["refined"])
-    pace = _pace(store, SLIDES, read_rows(store, SLIDES))
-    done, planned = int(drawn.slid.sum()), drawn.planned
-    return GridProgress(
-        SLIDES, done, planned, at_least=phases.why_finished is None, hourly=3600 / pace if pace > 0 else float("nan"),
-        seconds_left=(planned - done) * pace, broke_off=0, damaged=(),
-    )  # fmt: skip
 
 
 def _pace(store: Store, grid: str, rows: Rows) -> float:
