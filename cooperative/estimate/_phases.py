@@ -27,15 +27,7 @@ import numpy as np
 
 from cooperative.estimate._audit import FAR_DOWN
 from cooperative.estimate._estimates import Estimate, binomial
-from cooperative.estimate._protocol import (
-    Answers,
-    Estimator,
-    Failures,
-    Modelled,
-    Population,
-    Sampling,
-    Screened,
-)
+from cooperative.estimate._protocol import Answers, Estimator, Failures, Modelled, Population, Sampling, Screened
 from cooperative.estimate._ranking import rank_samples
 
 NOT_ASKED = "the scene asks for no slides (slides = 0)"

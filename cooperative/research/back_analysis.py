@@ -179,8 +179,9 @@ def recover(
 
     def residuals(parameters: Parameters) -> tuple[Array, Observed]:
         predicted = predict(model, survey, parameters)
-        parts = jax.tree.map(lambda a, b: jnp.ravel(a - b) / noise, predicted, observed)
-        return jnp.concatenate([*jax.tree.leaves(parts), *jax.tree.leaves(_scaled(parameters, prior))]), predicted
+        misfit = jax.tree.map(lambda a, b: jnp.ravel(a - b) / noise, predicted, observed)
+        unlikely = jax.tree.map(lambda value, deviation: jnp.ravel(value / deviation), parameters, prior)
+        return jnp.concatenate(jax.tree.leaves((misfit, unlikely))), predicted
 
     def loss(parameters: Parameters) -> Array:
         return 0.5 * jnp.sum(residuals(parameters)[0] ** 2)
@@ -211,7 +212,3 @@ def recover(
     jacobian = np.asarray(derivatives, float)
     deviation = restore(jnp.asarray(np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))), dtype))
     return Recovery(best, np.array(losses), deviation, prior, fitted)
-
-
-def _scaled(parameters: Parameters, prior: Parameters) -> Parameters:
-    return jax.tree.map(lambda value, deviation: jnp.ravel(value / deviation), parameters, prior)

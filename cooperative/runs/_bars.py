@@ -11,6 +11,7 @@ import socket
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
@@ -39,22 +40,14 @@ def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
         OSError: the log cannot be written.
     """
     if not wanted or (sys.stderr is not None and sys.stderr.isatty()):
-
-        def drawn(title: str, total: int | None, done: int) -> tqdm:
-            shape = LAYOUT % " |{bar:20}|"
-            return tqdm(desc=title, total=total, initial=done, disable=not wanted, dynamic_ncols=True, bar_format=shape)
-
-        yield drawn
+        yield partial(_bar, disable=not wanted, dynamic_ncols=True, bar_format=LAYOUT % " |{bar:20}|")
         return
     with _log(folder / LOG) as log:
+        yield partial(_bar, file=_Lines(log), bar_format=LAYOUT % ",", miniters=1, mininterval=EVERY, maxinterval=EVERY)
 
-        def written(title: str, total: int | None, done: int) -> tqdm:
-            return tqdm(
-                desc=title, total=total, initial=done, file=_Lines(log), bar_format=LAYOUT % ",",
-                miniters=1, mininterval=EVERY, maxinterval=EVERY,
-            )  # fmt: skip
 
-        yield written
+def _bar(title: str, total: int | None, done: int, **look: object) -> tqdm:
+    return tqdm(desc=title, total=total, initial=done, **look)
 
 
 def advance(bar: tqdm, known: Callable[[], str]) -> None:

@@ -319,7 +319,7 @@ def run_through(
                 if left:
                     suspects.append(number)
                     continue
-                sample = _given_up(number)
+                sample = Sample(number, LOST, 0, 0.0, np.zeros(0), {"displacement": 0.0, "broke_off": True})
             if sample is None:
                 submit(number, campaign)
             else:
@@ -372,8 +372,3 @@ def dask_executor(client: object) -> Callable[[], Executor]:
             ) from error
 
     return make
-
-
-def _given_up(number: int) -> Sample:
-    row: dict[str, float | int | bool | str] = {"displacement": 0.0, "broke_off": True}
-    return Sample(number, LOST, 0, 0.0, np.zeros(0), row)

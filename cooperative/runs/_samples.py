@@ -13,15 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cooperative.measure import (
-    FailureMode,
-    ModeRules,
-    Motion,
-    consequences,
-    exceeded,
-    failure_mode,
-    walls_reached,
-)
+from cooperative.measure import FailureMode, ModeRules, Motion, consequences, exceeded, failure_mode, walls_reached
 from cooperative.runs._model import GridModel
 from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped

@@ -15,7 +15,6 @@ import stat
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -226,19 +225,6 @@ def read_file(store: Store, grid: str, path: Path) -> Sample:
         )
 
 
-def record_of(path: Path, grid: str, entry: Mapping[str, Any]) -> Record:
-    """The record of a sample in an index's entry; DamagedFile, or what a wrong type raises, if it is none."""
-    row, shapes = entry["row"], {name: tuple(map(int, shape)) for name, shape in entry["shapes"].items()}
-    _check_types(path, entry, ATTRIBUTES, required=("sample", "status", "steps", "seconds"))
-    _check_row(path, grid, entry["status"], row)
-    (_,) = shapes["coefficients"]
-    if not {type(value) for value in row.values()} <= {bool, int, float, str}:
-        raise DamagedFile(f"{path} holds a row with what is no number and no text")
-    if not all(text.isprintable() for text in (entry["status"], *row, *map(str, row.values()))):
-        raise DamagedFile(f"{path} holds text that cannot be printed")
-    return Record(entry["sample"], entry["status"], entry["steps"], entry["seconds"], row, shapes)
-
-
 def _check_row(path: Path, grid: str, status: str, row: Mapping[str, Scalar]) -> None:
     """DamagedFile for a row that lacks what estimators and reports read, or has it of another type."""
     _check_types(path, row, ROW, required=("displacement", "broke_off"))
@@ -341,6 +327,14 @@ def _parsed(store: Store, grid: str, line: bytes) -> tuple[Stamp, Record]:
     text = line.partition(b" ")[2].removesuffix(b"\n")
     if line != checked_line(store, grid, text):
         raise ValueError("it does not match its checksum")
-    entry = json.loads(text)
-    (size, changed, entered) = entry["stamp"]
-    return (size, changed, entered), record_of(index_path(store.folder, grid), grid, entry)
+    entry, path = json.loads(text), index_path(store.folder, grid)
+    row, shapes = entry["row"], {name: tuple(map(int, shape)) for name, shape in entry["shapes"].items()}
+    (size, changed, entered), (_,) = entry["stamp"], shapes["coefficients"]
+    _check_types(path, entry, ATTRIBUTES, required=("sample", "status", "steps", "seconds"))
+    _check_row(path, grid, entry["status"], row)
+    if not {type(value) for value in row.values()} <= {bool, int, float, str}:
+        raise DamagedFile(f"{path} holds a row with what is no number and no text")
+    if not all(word.isprintable() for word in (entry["status"], *row, *map(str, row.values()))):
+        raise DamagedFile(f"{path} holds text that cannot be printed")
+    record = Record(entry["sample"], entry["status"], entry["steps"], entry["seconds"], row, shapes)
+    return (size, changed, entered), record
