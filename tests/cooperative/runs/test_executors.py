@@ -237,6 +237,11 @@ def test_errors_of_a_run_are_not_taken_for_dead_workers():
         workers.close()
 
 
+def test_no_workers_are_refused():
+    with pytest.raises(ValueError, match="workers = 0: give 1 or more"):
+        process_pool(0)
+
+
 class Counting(ThreadPoolExecutor):
     """Remembers the tasks that had the campaign with them."""
 
