@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.csv_rows import ENDED, REMEDY, appending, number, put_once, rows_of, whole, word
+from benchmarks.csv_rows import ENDED, Parser, appending, number, read_rows, whole, word
 from benchmarks.measure import ROOT, scene_campaign
 from cooperative import runs
 from jaxmpm import Scene, State, Status, solve_each
@@ -49,7 +49,13 @@ CASES = {
     "3D, default, refined": Case("slope", "refined", 30),
 }
 MEASURED = ("steps", "time", "displacement", "early_time", "early_displacement")
-COLUMNS = ("case", "number", "status", "early_status", *MEASURED)
+COLUMNS: dict[str, Parser] = {
+    "case": word(*CASES),
+    "number": whole,
+    "status": word(*ENDED),
+    "early_status": word(*ENDED),
+    **dict.fromkeys(MEASURED, number),
+}
 
 
 @dataclass(frozen=True)
@@ -69,14 +75,10 @@ class Run:
 def read() -> dict[str, dict[int, Run]]:
     """The file: case -> number -> run. ValueError for a line that does not parse, or whose run stands there twice."""
     answer: dict[str, dict[int, Run]] = {}
-    for where, row in rows_of(DATA, COLUMNS):
-        case = word(row["case"], f"{where}: case", allowed=CASES)
-        status, early = (word(row[name], f"{where}: {name}", allowed=ENDED) for name in ("status", "early_status"))
-        values = {name: number(row[name], f"{where}: {name}") for name in MEASURED}
-        if values["early_time"] > values["time"]:
-            raise ValueError(f"{where}: early_time is after the end of the run: {REMEDY}")
-        run = Run(status, early, **values)
-        put_once(answer.setdefault(case, {}), whole(row["number"], f"{where}: number"), run, where)
+    for (case, sample), row in read_rows(DATA, COLUMNS, ("case", "number")).items():
+        if row["early_time"] > row["time"]:
+            raise ValueError(f"{DATA.name}: {case} {sample}: early_time is after the end of the run: delete the line")
+        answer.setdefault(case, {})[sample] = Run(**{name: row[name] for name in ("status", "early_status", *MEASURED)})
     return answer
 
 
@@ -114,7 +116,7 @@ def _measures(scene: Scene, state: State) -> tuple[jax.Array, jax.Array]:
 
 def main(name: str | None = None, count: int | None = None) -> None:
     """Run what is missing of one case or all, up to so many samples."""
-    done = read() if DATA.exists() else {}
+    done = read()
     with appending(DATA, COLUMNS) as put:
         for case in CASES if name is None else [name]:
             wanted = range(min(CASES[case].samples, count or CASES[case].samples))
@@ -145,4 +147,4 @@ def _rows(case: Case, numbers: list[int]) -> Iterator[tuple[object, ...]]:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2], *map(int, sys.argv[2:3]))
+    main(sys.argv[1] if sys.argv[1:] else None, int(sys.argv[2]) if sys.argv[2:] else None)
