@@ -144,7 +144,12 @@ class Terrain:
                 f"the surface at ({x[low]:g}, {y[low]:g}, {z[low]:g}) m lies below the base at {self.base:g} m: lower "
                 "the base"
             )
-        self._check_cuts()
+        if self.cut not in ("fixed", "free"):
+            raise ValueError(f"cut = {self.cut!r}: give 'fixed' or 'free'; nothing can roll along a cut through cells")
+        if self.depth is not None:
+            check.positive("depth", self.depth, "m")
+        if self.polygon is not None:
+            check_polygon(self.polygon, self.walls)
         if self.interface is not None:
             self.interface.check()
         if self.bedrock is not None:
@@ -152,14 +157,6 @@ class Terrain:
             refuse_holes("bedrock", self.floor(x, y), x, y)
             plan = np.stack([each.clip(*ends) for each, ends in zip((x, y), self.walls, strict=True)])
             check_bedrock(plan, self.floor(*plan), self.heights(*plan), self.base)
-
-    def _check_cuts(self) -> None:
-        if self.cut not in ("fixed", "free"):
-            raise ValueError(f"cut = {self.cut!r}: give 'fixed' or 'free'; nothing can roll along a cut through cells")
-        if self.depth is not None:
-            check.positive("depth", self.depth, "m")
-        if self.polygon is not None:
-            check_polygon(self.polygon, self.walls)
 
     def in_plan(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether points at x and y (m), of any shape, lie in the modelled part, seen from above."""
