@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.scene import example, parse, remarks
 
@@ -22,6 +23,12 @@ def test_what_is_intended_is_accepted():
         'name = "soft clay"', 'name = "soft clay"\nunusual = true'
     )
     assert parse(layer).site.layers[1].random["strength"].length == (2.0, 30.0)
+
+
+def test_a_layer_that_lies_nowhere_is_named():
+    nowhere = EMBANKMENT.replace("bottom = [[0, 1], [64, 1]]", "bottom = [[0, 10], [64, 10]]")
+    with pytest.raises(ValueError, match="layer 'soft clay' lies nowhere"):
+        runs.random_soil(parse(nowhere))
 
 
 def test_the_axis_that_is_too_far_is_named():
