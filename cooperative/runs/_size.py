@@ -277,7 +277,12 @@ def cost_of(campaign: Campaign, seconds: float = 10.0) -> Cost:
 
 
 def seconds_per_step(model: GridModel, seconds: float) -> float:
-    """Seconds of one step of a run, from as many as fit into the time given."""
+    """Seconds of one step of a run of the median soil, from as many as fit into the time given.
+
+    Args:
+        model: the grid.
+        seconds: of the trial.
+    """
     scene, start = model.median
     state, taken, spent, steps = _steps(scene, start, 1), 0, 0.0, 1
     while spent < seconds:

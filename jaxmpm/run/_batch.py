@@ -44,7 +44,7 @@ class Midway:
         state: now.
         quiet: seconds without motion so far.
         reference: displacement (m) from which motion is counted.
-        rates: (8,), see `Early.judged`.
+        rates: (8,), memory of the rule `jaxmpm.run.Early`.
     """
 
     state: State
