@@ -31,8 +31,8 @@ class Early:
     fastest growth, below which it oscillates.
 
     Args:
-        horizon: time (s) by which a lane that speeds up has to pass `stop_at`. It is decided only if its displacement
-            by then would exceed `stop_at` at its mean speed so far, too.
+        horizon: time (s) by which a lane that speeds up has to pass the displacement that decides its class. Its
+            displacement by then, at its mean speed so far, has to exceed that too before it is decided.
         decay: rate of a lane that stands over that of the window before. A lane whose rate is below this share of its
             largest one is not decided.
         growth: rate of a lane that fails over the least one so far.

@@ -36,7 +36,7 @@ class Settle:
             seconds the mean displacement of the soil beyond `slides`, plus what other soil moved, does not change, at
             any particle speed. That rule detects a second mass that moves, and ignores single grains. None for no
             slides: their speed then prevents them from settling.
-        early: rule by which the class of a run with `stop_at` is known earlier; None for none.
+        early: rule by which the class of a run that ends at a displacement is known earlier; None for none.
     """
 
     speed: float = 0.05
