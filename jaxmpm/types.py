@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from jax import Array
@@ -108,7 +108,7 @@ class Scene:
     fbar: bool = static(default=False)
     cell_average: bool = static(default=False)
     finite_strain: bool = static(default=False)
-    xpic: int = static(default=1)
+    xpic: int = field(default=1, metadata={"static": True, "absent": 1})
     nonlocal_passes: int | None = static(default=None)
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
     tied: tuple[int, int] | None = static(default=None)

@@ -8,16 +8,15 @@ import pytest
 
 import jaxmpm
 import kl
+from foundation.pytrees import PYTREES
 
 
 def structures(modules):
-    """Structure of each class of modules whose fields all can be numbers."""
+    """Structure of each pytree of modules, its fields all numbers."""
     by_class = {}
     for cls in {each for module in modules for each in vars(module).values() if isinstance(each, type)}:
-        if dataclasses.is_dataclass(cls):
-            value = cls(**{f.name: 1.0 for f in dataclasses.fields(cls)})
-            if jax.tree.leaves(value) != [value]:
-                by_class[cls.__name__] = jax.tree.structure(value)
+        if cls in PYTREES:
+            by_class[cls.__name__] = jax.tree.structure(cls(**{f.name: 1.0 for f in dataclasses.fields(cls)}))
     return by_class
 
 
