@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import cast
 
 from cooperative.scene import tables
 from cooperative.scene._fields import RandomField
@@ -54,6 +55,5 @@ def on_soil(
             "friction, with length = inf along each axis where it is random"
         )
     assert friction is not None
-    assert isinstance(site.shape, Section | Terrain)
-    shape = replace(site.shape, interface=Interface(friction, table.interface.cohesion))
+    shape = replace(cast(Section | Terrain, site.shape), interface=Interface(friction, table.interface.cohesion))
     return replace(site, shape=shape, contact_of_soil=field is not None)
