@@ -1,8 +1,8 @@
 """What the early rule changes: classes, ranks, and the time that runs take until their class is known.
 
-Told from benchmarks/data/early.csv, which `python -m benchmarks.settings.early_runs` makes. The rule was chosen on some
-of the runs, by `Case.chosen_on`, and is tested on the others. The bound of its error is that of 95 per cent from one
-side, three over the number of runs where no class changes.
+From benchmarks/data/early.csv, which `python -m benchmarks.settings.early_runs` makes. The rule was chosen on the first
+`Case.chosen_on` runs of a case and is tested on the others. The bound of its error is one-sided, at 95 per cent: three
+over the number of runs where no class changes.
 """
 
 from __future__ import annotations

@@ -42,7 +42,6 @@ CASES = {
     "section, default, refined": Case("section", "refined", 400, 336),
     "layers, rough": Case("new/section", "rough", 200),
     "layers, refined": Case("new/section", "refined", 200),
-    "sensitive clay, rough": Case("sites/retrogression_5m", "rough", 60),
     "3D, rough": Case("paper", "rough", 300, 30),
     "3D, default, rough": Case("slope", "rough", 200, 20),
     "3D, refined": Case("paper", "refined", 30),

@@ -56,7 +56,7 @@ class Settle:
 
 @partial(jax.jit, static_argnames=("axes", "slides", "volume", "early"))
 def _look(
-    scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None, early: bool
+    scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None, early: bool = False
 ) -> tuple[Array, Array, Array | None, tuple[Array, Array] | None]:
     """Speed and largest displacement of each lane, or the displacement that a volume exceeds.
 
