@@ -4,6 +4,10 @@
 3D, with published and default settings, in a process bound to one core. Rough runs take the steps of
 benchmarks/data/early.csv, with the early rule and without. Refined ones took those of an audit without it
 (benchmarks/data/study_audit.csv), and take the share that the rule leaves of the time of rough runs of the same class.
+
+`expected_hours_to_cov_10` are those of a campaign with PLANNED samples on two cores, one worker each: its rough runs, and
+as many refined ones as half of the campaigns of `estimators` take for a coefficient of variation of 10 per cent. Their
+correlation of the grids is 0.98 (published settings; 0.979 was measured) and 0.95 (default settings).
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import Report, on_cores, scene_campaign
+from benchmarks.results import FOLDER
 from benchmarks.settings.early import fails, ratio
 from benchmarks.settings.early_runs import CASES, Run, read
 from benchmarks.study.rows import DATA, read_table
@@ -29,6 +34,9 @@ NAMES = {
     "3D, refined": "refined_class_core_seconds",
     "3D, default, refined": "refined_class_core_seconds_default",
 }
+PLANNED, CORES = 1000, 2
+HOURS = {"": "target_cov_runs_q50_r098", "_default": "target_cov_runs_q50_r095"}
+"""Ending of a value's name -> the value of `estimators` that counts the refined runs."""
 AUDITS = {"3D, refined": ("audit", "3D, rough"), "3D, default, refined": ("audit_default", "3D, default, rough")}
 """Cases too dear to have many runs -> the study's rows of them, and the case whose share of time stands for theirs."""
 
@@ -51,7 +59,21 @@ def run(quick: bool) -> Report:
                 "core_seconds_before": before * each,
             }
         )
-    return Report({row["value"]: row["core_seconds"] for row in rows}, rows)
+    values = {row["value"]: row["core_seconds"] for row in rows}
+    return Report(values | expected_hours(values), rows)
+
+
+def expected_hours(core_seconds: Mapping[str, float]) -> dict[str, float]:
+    """Hours of a campaign to a coefficient of variation of 10 per cent, by the core seconds of its runs."""
+    counts = json.loads((FOLDER / "estimators.json").read_text())["values"]
+    return {
+        f"expected_hours_to_cov_10{end}": (
+            PLANNED * core_seconds[f"rough_core_seconds{end}"]
+            + counts[count] * core_seconds[f"refined_class_core_seconds{end}"]
+        )
+        / (3600 * CORES)
+        for end, count in HOURS.items()
+    }
 
 
 def times(case: str, result: Mapping[str, Mapping[int, Run]]) -> tuple[float, float]:
