@@ -104,15 +104,16 @@ def hold(scene: Scene, nodal: Array, value: float = 0.0) -> Array:
     if all(wall.hold == "friction" for wall in walls):
         return nodal
     shape = (*grid.shape, grid.dimension)
-    field = nodal.reshape(shape)
+    held = jnp.zeros(shape, bool)
     for wall in walls:
         if wall.hold == "friction":
             continue
-        held = _beyond(wall, shape)
+        beyond = _beyond(wall, shape)
         if wall.hold == "roller":
-            held &= jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
-        field = jnp.where(held, value, field)
-    return field.reshape(nodal.shape)
+            beyond &= jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
+        held |= beyond
+    # One selection, of a mask that XLA makes once: a selection per wall would be made in every step.
+    return jnp.where(held.reshape(nodal.shape), value, nodal)
 
 
 def slide(scene: Scene, velocity: Array, braked: Callable[[Array], Array]) -> Array:
@@ -174,9 +175,6 @@ def _normals(scene: Scene) -> Iterator[Array]:
 
 
 def _beyond(wall: Wall, shape: tuple[int, ...]) -> Array:
-    """Nodes on a wall or beyond it, in an array of this shape.
-
-    It is computed by index arithmetic, which is fused into the nodal update; a stored mask would cost memory.
-    """
+    """Nodes on a wall or beyond it, in an array of this shape."""
     along = jax.lax.broadcasted_iota(jnp.int32, shape, wall.axis)
     return along <= wall.index if wall.side == "low" else along >= wall.index
