@@ -23,50 +23,63 @@ constexpr int jets(int dimension, int order) {
   return order == 0 ? 1 : order == 1 ? 1 + dimension : 1 + dimension + dimension * (dimension + 1) / 2;
 }
 
-// A node's channels, as few machine vectors as hold them.
-template <class T, int W>
-struct Pack {
-  static constexpr int kBytes = W * sizeof(T) < kVectorBytes ? W * sizeof(T) : kVectorBytes;
-  static constexpr int kParts = W * sizeof(T) / kBytes;
-  typedef T Vector __attribute__((vector_size(kBytes)));
-  Vector part[kParts];
-};
-
 #define JAXMPM_INLINE static inline __attribute__((always_inline))
 #define JAXMPM_MEMBER inline __attribute__((always_inline))
+
+// Numbers in the first machine vector of a pack: the largest power of two.
+template <class T>
+constexpr int first_of(int width) {
+  int lanes = kVectorBytes / sizeof(T);
+  while (lanes > width) lanes /= 2;
+  return lanes;
+}
+
+// A machine vector; of one number, that itself, so that the compiler vectorises loops over it.
+template <class T, int N>
+struct Vector {
+  typedef T Type __attribute__((vector_size(N * sizeof(T))));
+};
+template <class T>
+struct Vector<T, 1> {
+  using Type = T;
+};
+
+// W numbers, a node's channels or a row of nodes, as few machine vectors as hold them.
+template <class T, int W>
+struct Pack {
+  static constexpr int kFirst = first_of<T>(W);
+  typename Vector<T, kFirst>::Type first;
+  Pack<T, W - kFirst> rest;
+};
+template <class T>
+struct Pack<T, 0> {};
 
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> load(const T* from) {
   Pack<T, W> r;
-#pragma GCC unroll 4
-  for (int i = 0; i < Pack<T, W>::kParts; ++i) __builtin_memcpy(&r.part[i], from + i * (W / Pack<T, W>::kParts), sizeof r.part[i]);
+  __builtin_memcpy(&r.first, from, sizeof r.first);
+  if constexpr (W > r.kFirst) r.rest = load<T, W - r.kFirst>(from + r.kFirst);
   return r;
 }
 template <class T, int W>
 JAXMPM_INLINE void store(T* to, const Pack<T, W>& a) {
-#pragma GCC unroll 4
-  for (int i = 0; i < Pack<T, W>::kParts; ++i) __builtin_memcpy(to + i * (W / Pack<T, W>::kParts), &a.part[i], sizeof a.part[i]);
+  __builtin_memcpy(to, &a.first, sizeof a.first);
+  if constexpr (W > a.kFirst) store<T, W - a.kFirst>(to + a.kFirst, a.rest);
 }
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator*(T s, const Pack<T, W>& a) {
-  Pack<T, W> r;
-#pragma GCC unroll 4
-  for (int i = 0; i < Pack<T, W>::kParts; ++i) r.part[i] = s * a.part[i];
-  return r;
+  if constexpr (W == 0) return {};
+  else return {s * a.first, s * a.rest};
 }
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator+(const Pack<T, W>& a, const Pack<T, W>& b) {
-  Pack<T, W> r;
-#pragma GCC unroll 4
-  for (int i = 0; i < Pack<T, W>::kParts; ++i) r.part[i] = a.part[i] + b.part[i];
-  return r;
+  if constexpr (W == 0) return {};
+  else return {a.first + b.first, a.rest + b.rest};
 }
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator*(const Pack<T, W>& a, const Pack<T, W>& b) {
-  Pack<T, W> r;
-#pragma GCC unroll 4
-  for (int i = 0; i < Pack<T, W>::kParts; ++i) r.part[i] = a.part[i] * b.part[i];
-  return r;
+  if constexpr (W == 0) return {};
+  else return {a.first * b.first, a.rest * b.rest};
 }
 JAXMPM_INLINE float floor_of(float x) { return __builtin_floorf(x); }
 JAXMPM_INLINE double floor_of(double x) { return __builtin_floor(x); }
@@ -299,41 +312,105 @@ void scatter(const Plan& plan, const T* position, const void* const* rows, const
   }
 }
 
+// The jet that is `jet` derived once more along `axis`.
+template <int D>
+constexpr int derived(int jet, int axis) {
+  if (jet == 0) return 1 + axis;
+  const int i = jet - 1 < axis ? jet - 1 : axis, j = jet - 1 < axis ? axis : jet - 1;
+  return 1 + D + i * D - i * (i - 1) / 2 + j - i;
+}
+
+// The jet of D axes that is `jet` of the first D - 1 of them, derived `order` times along the last one.
+template <int D>
+constexpr int extended(int jet, int order) {
+  int result = 0, of_two = jet - D;
+  if (jet > 0 && jet < D) result = jet;
+  for (int i = 0; i < D - 1 && jet >= D; ++i) {
+    for (int j = i; j < D - 1; ++j, --of_two) {
+      if (of_two == 0) result = derived<D>(1 + i, j);
+    }
+  }
+  for (; order > 0; --order) result = derived<D>(result, D - 1);
+  return result;
+}
+
+// Sums along the last axis of a particle's sums over the others, whose three nodes lie `stride` numbers apart.
+template <class T, int W, int L, int D, int ORDER>
+JAXMPM_INLINE Jet<T, W, jets(D, ORDER)> along_last(const Weights<T, D, ORDER>& weights, int p, int stride,
+                                                   const T (*sums)[kBlock][L]) {
+  Jet<T, W, jets(D, ORDER)> r;
+#pragma GCC unroll 3
+  for (int order = 0; order <= ORDER; ++order) {
+    const int count = jets(D - 1, ORDER - order);
+#pragma GCC unroll 6
+    for (int j = 0; j < count; ++j) {
+      const T* from = sums[j][p];
+      Pack<T, W>& to = r.d[extended<D>(j, order)];
+      to = weights.of[D - 1][0][order][p] * load<T, W>(from);
+      to = to + weights.of[D - 1][1][order][p] * load<T, W>(from + stride);
+      to = to + weights.of[D - 1][2][order][p] * load<T, W>(from + 2 * stride);
+    }
+  }
+  return r;
+}
+
+// Numbers in a row: the three nodes of a stencil along the last axis, which follow each other, with W channels each. 0
+// where sums over rows do not stay in registers: beyond two vectors, and for several channels with 16 registers.
+template <class T, int W>
+constexpr int row_of() {
+  constexpr int lanes = kVectorBytes / sizeof(T);
+  if (W == 1) return 4;
+  const int row = kStencil * W < lanes ? lanes : kStencil * W;
+  const bool fits = row <= lanes || first_of<T>(row - lanes) == row - lanes;
+  return kVectorBytes == 64 && fits ? row : 0;
+}
+
 // Blocks of particles with their sums over the stencil, a pack per derivative: calls `before(block, count)` for a block,
-// `each(p, sums)` for its particles, `after(block, count)`.
-template <class T, int D, int W, int ORDER, class Before, class Each, class After>
+// `each(p, sums)` for its particles, `after(block, count)`. A pack holds a row of nodes (L numbers), whose sums the
+// weights along the last axis multiply; with L = 0 it holds one node.
+template <class T, int D, int W, int ORDER, int L, class Before, class Each, class After>
 JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, Before before,
                             Each each, After after) {
-  constexpr int J = jets(D, ORDER);
-  constexpr int kNodes = D == 1 ? 3 : D == 2 ? 9 : 27;
+  constexpr int LEFT = L > 0, P = L > 0 ? L : W, J = jets(D - LEFT, ORDER);
+  constexpr int kPacks = D - LEFT == 0 ? 1 : D - LEFT == 1 ? 3 : D - LEFT == 2 ? 9 : 27;
   Weights<T, D, ORDER> weights;
-  alignas(64) T edge[kNodes * W] = {};
-  int64_t strides[D], edge_strides[D], last = 0, total = plan.stride;
+  alignas(64) T edge[kPacks * P] = {}, sums[J][L > 0 ? kBlock : 1][P] = {};
+  int64_t strides[D], edge_strides[D] = {}, offsets[kPacks], total = plan.stride;
   node_strides<D>(plan, strides);
-  for (int axis = D - 1, step = W; axis >= 0; --axis, step *= kStencil) {
-    edge_strides[axis] = step;
-    last += (kStencil - 1) * strides[axis];
-    total *= plan.shape[axis];
+  for (int axis = 0; axis < D; ++axis) total *= plan.shape[axis];
+  for (int axis = D - LEFT - 1, step = P; axis >= 0; --axis, step *= kStencil) edge_strides[axis] = step;
+  for (int n = 0; n < kPacks; ++n) {
+    offsets[n] = 0;
+    for (int axis = D - LEFT - 1, rest = n; axis >= 0; --axis, rest /= kStencil) offsets[n] += rest % kStencil * strides[axis];
   }
+  const int64_t highest = total - P - offsets[kPacks - 1];
+  const int held = (LEFT ? kStencil : 1) * plan.stride;
   for (int64_t block = begin; block < end; block += kBlock) {
     const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
     fill_weights<T, D, ORDER>(plan, position, nullptr, block, count, weights);
     before(block, count);
     for (int p = 0; p < count; ++p) {
       const T* node = nodal + weights.node[p] * plan.stride;
-      Jet<T, W, J> r;
-      if (__builtin_expect(weights.node[p] * plan.stride + last + W <= total, 1)) {
-        r = collect<T, W, D, ORDER, D>(weights, p, strides, node);
+      Jet<T, P, J> r;
+      if (__builtin_expect(weights.node[p] * plan.stride <= highest, 1)) {
+        r = collect<T, P, D, ORDER, D, LEFT>(weights, p, strides, node);
       } else {
-        // A vector of the highest node would end beyond the array.
-        for (int n = 0; n < kNodes; ++n) {
-          int64_t offset = 0;
-          for (int axis = D - 1, rest = n; axis >= 0; --axis, rest /= kStencil) offset += rest % kStencil * strides[axis];
-          for (int c = 0; c < W && c < plan.channels; ++c) edge[n * W + c] = node[offset + c];
+        // The last pack would end beyond the array.
+        for (int n = 0; n < kPacks; ++n) {
+          for (int i = 0; i < held && i < P; ++i) edge[n * P + i] = node[offsets[n] + i];
         }
-        r = collect<T, W, D, ORDER, D>(weights, p, edge_strides, edge);
+        r = collect<T, P, D, ORDER, D, LEFT>(weights, p, edge_strides, edge);
       }
-      each(p, r);
+      if constexpr (LEFT == 0) {
+        each(p, r);
+      } else {
+#pragma GCC unroll 6
+        for (int j = 0; j < J; ++j) store<T, P>(sums[j][p], r.d[j]);
+      }
+    }
+    // A loop of its own, since a load of a part of what has just been stored waits; over a whole block for the compiler.
+    for (int p = 0; LEFT && p < kBlock; ++p) {
+      if constexpr (LEFT == 1) each(p, along_last<T, W, L, D, ORDER>(weights, p, plan.stride, sums));
     }
     after(block, count);
   }
@@ -351,77 +428,37 @@ struct Kept {
 
   // What `gather` answers with.
   JAXMPM_MEMBER void write_rows(const Plan& plan, int64_t block, int count, T* rows) const {
+    alignas(64) T columns[J][W][kBlock];
+    uint32_t wanted = 0;
+    for (int t = 0; t < plan.term_count; ++t) wanted |= 1u << plan.terms[t].jet;
+    for (int j = 0; j < J; ++j) {
+      // Whole blocks, so that the compiler transposes them by shuffles.
+      if (!(wanted >> j & 1)) continue;
+      for (int p = 0; p < kBlock; ++p) {
+#pragma GCC unroll 8
+        for (int c = 0; c < W; ++c) columns[j][c][p] = sums[j][p][c];
+      }
+    }
     for (int t = 0; t < plan.term_count; ++t) {
       const Term& term = plan.terms[t];
       T* to = rows + term.row * plan.particles + block;
-      const T* from = &sums[term.jet][0][term.channel];
+      const T* from = columns[term.jet][term.channel];
       const T factor = T(term.factor);
       if (term.first_at_row) {
-        for (int p = 0; p < count; ++p) to[p] = factor * from[p * W];
+        for (int p = 0; p < count; ++p) to[p] = factor * from[p];
       } else {
-        for (int p = 0; p < count; ++p) to[p] += factor * from[p * W];
+        for (int p = 0; p < count; ++p) to[p] += factor * from[p];
       }
     }
   }
 };
 
-template <class T, int D, int W, int ORDER>
+template <class T, int D, int W, int ORDER, int L>
 void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
   Kept<T, W, jets(D, ORDER)> kept;
-  for_sums<T, D, W, ORDER>(
+  for_sums<T, D, W, ORDER, L>(
       plan, position, nodal, begin, end, [](int64_t, int) {}, [&](int p, const auto& sums) { kept.keep(p, sums); },
       [&](int64_t block, int count) { kept.write_rows(plan, block, count, rows); });
-}
-
-// `gather` of the only channel, without derivatives: the three nodes of a stencil along the last axis, and the one after
-// them, are one pack. Weights along that axis multiply the sums over packs.
-template <class T, int D>
-void gather_one_channel(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
-  constexpr int W = kStencil + 1, kPacks = D == 1 ? 1 : D == 2 ? 3 : 9;
-  Weights<T, D, 0> weights;
-  alignas(64) T sums[kBlock][W], edge[kPacks * W] = {};
-  int64_t strides[D], edge_strides[D] = {}, offsets[kPacks], total = 1;
-  node_strides<D>(plan, strides);
-  for (int axis = 0; axis < D; ++axis) total *= plan.shape[axis];
-  for (int axis = D - 2, step = W; axis >= 0; --axis, step *= kStencil) edge_strides[axis] = step;
-  for (int n = 0; n < kPacks; ++n) {
-    offsets[n] = 0;
-    for (int axis = D - 2, rest = n; axis >= 0; --axis, rest /= kStencil) offsets[n] += rest % kStencil * strides[axis];
-  }
-  const int64_t highest = total - W - offsets[kPacks - 1];
-  for (int64_t block = begin; block < end; block += kBlock) {
-    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
-    fill_weights<T, D, 0>(plan, position, nullptr, block, count, weights);
-    for (int p = 0; p < count; ++p) {
-      const T* node = nodal + weights.node[p];
-      Jet<T, W, 1> sum;
-      if (__builtin_expect(weights.node[p] <= highest, 1)) {
-        sum = collect<T, W, D, 0, D, 1>(weights, p, strides, node);
-      } else {
-        // The last pack would end beyond the array.
-        for (int n = 0; n < kPacks; ++n) __builtin_memcpy(edge + n * W, node + offsets[n], kStencil * sizeof(T));
-        sum = collect<T, W, D, 0, D, 1>(weights, p, edge_strides, edge);
-      }
-      store<T, W>(sums[p], sum.d[0]);
-    }
-    const auto& last = weights.of[D - 1];
-    for (int t = 0; t < plan.term_count; ++t) {
-      const Term& term = plan.terms[t];
-      T* to = rows + term.row * plan.particles + block;
-      for (int p = 0; p < count; ++p) {
-        const T sum = last[0][0][p] * sums[p][0] + last[1][0][p] * sums[p][1] + last[2][0][p] * sums[p][2];
-        to[p] = T(term.factor) * sum + (term.first_at_row ? T(0) : to[p]);
-      }
-    }
-  }
-}
-
-// The jet that is `jet` derived once more along `axis`.
-template <int D>
-constexpr int derived(int jet, int axis) {
-  if (jet == 0) return 1 + axis;
-  const int i = jet - 1 < axis ? jet - 1 : axis, j = jet - 1 < axis ? axis : jet - 1;
-  return 1 + D + i * D - i * (i - 1) / 2 + j - i;
 }
 
 template <class T, int W>
@@ -435,14 +472,14 @@ JAXMPM_INLINE T total(const Pack<T, W>& a) {
 
 // Rows times the nodal field that they meet, derived along the position, and what `gather` answers with unless
 // `gathered` is null; the weights have one order more than the terms.
-template <class T, int D, int W, int ORDER>
+template <class T, int D, int W, int ORDER, int L>
 void contract(const Plan& plan, const T* position, const T* nodal, const void* const* rows, int64_t begin, int64_t end,
               T* slope, T* gathered) {
   constexpr int J = jets(D, ORDER - 1);
   alignas(64) T coefficients[J][kBlock][W] = {};
   alignas(64) T along[D][kBlock];
   Kept<T, W, jets(D, ORDER)> kept;
-  for_sums<T, D, W, ORDER>(
+  for_sums<T, D, W, ORDER, L>(
       plan, position, nodal, begin, end,
       [&](int64_t block, int count) { fill_coefficients(plan, rows, nullptr, block, count, coefficients); },
       [&](int p, const auto& sums) {
@@ -467,6 +504,7 @@ void contract(const Plan& plan, const T* position, const T* nodal, const void* c
 template <class T>
 struct ScatterOf {
   using Kernel = ScatterKernel;
+  static constexpr bool kWrites = true;
   template <int D, int W, int ORDER>
   static constexpr Kernel of() {
     return [](const Plan& plan, const void* position, const void* const* rows, const int32_t* index, int64_t begin,
@@ -479,18 +517,12 @@ struct ScatterOf {
 template <class T>
 struct GatherOf {
   using Kernel = GatherKernel;
-  template <int D, int W, int ORDER>
+  static constexpr bool kWrites = false;
+  template <int D, int W, int ORDER, bool ROWS>
   static constexpr Kernel of() {
     return [](const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
-      gather<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end,
-                             static_cast<T*>(rows));
-    };
-  }
-  template <int D>
-  static constexpr Kernel of_one_channel() {
-    return [](const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
-      gather_one_channel<T, D>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end,
-                               static_cast<T*>(rows));
+      gather<T, D, W, ORDER, ROWS ? row_of<T, W>() : 0>(plan, static_cast<const T*>(position),
+                                                        static_cast<const T*>(nodal), begin, end, static_cast<T*>(rows));
     };
   }
 };
@@ -498,39 +530,46 @@ struct GatherOf {
 template <class T>
 struct ContractOf {
   using Kernel = ContractKernel;
-  template <int D, int W, int ORDER>
+  static constexpr bool kWrites = false;
+  template <int D, int W, int ORDER, bool ROWS>
   static constexpr Kernel of() {
     if constexpr (ORDER == 0) {
       return nullptr;  // the weights have one order more than the terms
     } else {
       return [](const Plan& plan, const void* position, const void* nodal, const void* const* rows, int64_t begin,
                 int64_t end, void* slope, void* gathered) {
-        contract<T, D, W, ORDER>(plan, static_cast<const T*>(position), static_cast<const T*>(nodal), rows, begin, end,
-                                 static_cast<T*>(slope), static_cast<T*>(gathered));
+        contract<T, D, W, ORDER, ROWS ? row_of<T, W>() : 0>(plan, static_cast<const T*>(position),
+                                                            static_cast<const T*>(nodal), rows, begin, end,
+                                                            static_cast<T*>(slope), static_cast<T*>(gathered));
       };
     }
   }
 };
 
-template <class Of, int D, int W>
+template <class Of, int D, int W, bool... ROWS>
 typename Of::Kernel of_order(const Plan& plan) {
   switch (plan.order) {
-    case 0: return Of::template of<D, W, 0>();
-    case 1: return Of::template of<D, W, 1>();
-    case 2: return Of::template of<D, W, 2>();
+    case 0: return Of::template of<D, W, 0, ROWS...>();
+    case 1: return Of::template of<D, W, 1, ROWS...>();
+    case 2: return Of::template of<D, W, 2, ROWS...>();
     default: return nullptr;
   }
 }
 
+// A kernel that reads nodes takes rows of them, unless their stride is beyond its width.
 template <class Of, int D>
 typename Of::Kernel of_width(const Plan& plan) {
-  if constexpr (requires { Of::template of_one_channel<D>(); }) {
-    if (plan.stride == 1 && plan.order == 0) return Of::template of_one_channel<D>();
-  }
-  switch (plan.width) {
-    case 4: return of_order<Of, D, 4>(plan);
-    case 8: return of_order<Of, D, 8>(plan);
-    default: return nullptr;
+  if constexpr (Of::kWrites) {
+    switch (plan.width) {
+      case 4: return of_order<Of, D, 4>(plan);
+      case 8: return of_order<Of, D, 8>(plan);
+      default: return nullptr;
+    }
+  } else {
+    if (plan.stride == 1) return of_order<Of, D, 1, true>(plan);
+    if (plan.width == 4 && plan.stride <= 4) return of_order<Of, D, 4, true>(plan);
+    if (plan.width == 4) return of_order<Of, D, 4, false>(plan);
+    return plan.width == 8 && plan.stride <= 8 ? of_order<Of, D, 8, true>(plan) : nullptr;
   }
 }
 
