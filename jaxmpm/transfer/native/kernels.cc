@@ -355,13 +355,14 @@ JAXMPM_INLINE Jet<T, W, jets(D, ORDER)> along_last(const Weights<T, D, ORDER>& w
 }
 
 // Numbers in a row: the three nodes of a stencil along the last axis, which follow each other, with W channels each. 0
-// where sums over rows do not stay in registers: beyond two vectors, and for several channels with 16 registers.
-template <class T, int W>
+// where sums over rows do not stay in registers: beyond two vectors, beyond one for second derivatives, and for several
+// channels with 16 registers.
+template <class T, int W, int ORDER>
 constexpr int row_of() {
   constexpr int lanes = kVectorBytes / sizeof(T);
   if (W == 1) return 4;
-  const int row = kStencil * W < lanes ? lanes : kStencil * W;
-  const bool fits = row <= lanes || first_of<T>(row - lanes) == row - lanes;
+  const int row = kStencil * W < lanes ? lanes : kStencil * W, second = row - lanes;
+  const bool fits = second == 0 || (ORDER < 2 && first_of<T>(second) == second);
   return kVectorBytes == 64 && fits ? row : 0;
 }
 
@@ -521,8 +522,8 @@ struct GatherOf {
   template <int D, int W, int ORDER, bool ROWS>
   static constexpr Kernel of() {
     return [](const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
-      gather<T, D, W, ORDER, ROWS ? row_of<T, W>() : 0>(plan, static_cast<const T*>(position),
-                                                        static_cast<const T*>(nodal), begin, end, static_cast<T*>(rows));
+      gather<T, D, W, ORDER, ROWS ? row_of<T, W, ORDER>() : 0>(
+          plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end, static_cast<T*>(rows));
     };
   }
 };
@@ -538,9 +539,9 @@ struct ContractOf {
     } else {
       return [](const Plan& plan, const void* position, const void* nodal, const void* const* rows, int64_t begin,
                 int64_t end, void* slope, void* gathered) {
-        contract<T, D, W, ORDER, ROWS ? row_of<T, W>() : 0>(plan, static_cast<const T*>(position),
-                                                            static_cast<const T*>(nodal), rows, begin, end,
-                                                            static_cast<T*>(slope), static_cast<T*>(gathered));
+        contract<T, D, W, ORDER, ROWS ? row_of<T, W, ORDER>() : 0>(
+            plan, static_cast<const T*>(position), static_cast<const T*>(nodal), rows, begin, end,
+            static_cast<T*>(slope), static_cast<T*>(gathered));
       };
     }
   }
