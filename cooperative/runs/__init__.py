@@ -3,8 +3,9 @@
 from cooperative.runs._bars import Bar, advance, bars
 from cooperative.runs._built import build, keep_initial
 from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, release_programs
+from cooperative.runs._dask import dask_executor
 from cooperative.runs._drawn import Drawn, SampleSoil, keep_drawn, read_drawn, soil_of
-from cooperative.runs._executors import Packed, Workers, dask_executor, packed, run_through
+from cooperative.runs._executors import Packed, Workers, packed, run_through
 from cooperative.runs._ground import (
     HazardPlan,
     StoredGrid,
