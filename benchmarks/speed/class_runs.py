@@ -5,9 +5,9 @@
 benchmarks/data/early.csv, with the early rule and without. Refined ones took those of an audit without it
 (benchmarks/data/study_audit.csv), and take the share that the rule leaves of the time of rough runs of the same class.
 
-`expected_hours_to_cov_10` are those of a campaign with PLANNED samples on two cores, one worker each: its rough runs, and
-as many refined ones as half of the campaigns of `estimators` take for a coefficient of variation of 10 per cent. Their
-correlation of the grids is 0.98 (published settings; 0.979 was measured) and 0.95 (default settings).
+`expected_hours_to_cov_10` are those of a campaign with PLANNED samples on two cores, one worker each: its rough runs,
+and as many refined ones as half of the campaigns of `estimators` take for a coefficient of variation of 10 per cent.
+The correlation of the grids is 0.98 with published settings, where 0.979 was measured, and 0.95 with default ones.
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
     (tmp_path / "scene.toml").write_text(TINY)
     store = read_store(tmp_path)
     assert {shape.cfl for shape in campaign_of(store).grids.values()} == {0.5}
+    assert (campaign_of(store).plan.valley, parse(TINY).plan.valley) == (0.05, 0.5)
     assert store.digest == scene_digest(TINY)
     source = settled(TINY, tmp_path)
     assert set(steps(source).values()) == {0.5}
@@ -33,9 +34,11 @@ def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
 
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     source = settled(TINY, tmp_path)
-    assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True, "early": True}}
+    assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True}}
     with open_store(tmp_path, source) as store:
-        assert store.digest == scene_digest(TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\nearly = true\n")
+        assert store.digest == scene_digest(
+            TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\nvalley = 0.5\nearly = true\n"
+        )
     assert (tmp_path / "scene.toml").read_text() == TINY
     stored = (tmp_path / "campaign.json").read_text()
     (tmp_path / "campaign.json").write_text(stored.replace("0.9", "0.7"))
