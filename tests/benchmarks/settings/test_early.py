@@ -33,7 +33,7 @@ def test_the_rule_on_the_side_gives_what_a_campaign_does():
     soil = runs.random_soil(campaign)
     model, coefficients = runs.build(campaign, case.grid, soil), runs.coefficients_of(campaign, soil)
     samples = list(runs.run_samples(model, coefficients, numbers, width=1, stop_at=campaign.run.failure_displacement))
-    rows = [dict(zip(early_runs.COLUMNS[1:], row, strict=True)) for row in early_runs._rows(case, numbers)]
+    rows = [dict(zip(list(early_runs.COLUMNS)[1:], row, strict=True)) for row in early_runs._rows(case, numbers)]
     assert {sample.status for sample in samples} == {Status.DECIDED.name, Status.SETTLED.name}
     for sample, row in zip(samples, rows, strict=True):
         assert (sample.number, sample.status) == (row["number"], row["early_status"])
@@ -47,9 +47,9 @@ def test_the_rule_on_the_side_gives_what_a_campaign_does():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("DECIDED", "FAILED", r"early\.csv, line \d+: (early_)?status = 'FAILED' is none of"),
+        ("DECIDED", "FAILED", r"early\.csv, line \d+: (early_)?status = 'FAILED': give one of"),
         ('"section, rough",1,', '"section, rough",0,', r"its run stands there twice"),
-        ('"section, rough",1,', '"section",1,', r"case = 'section' is none of"),
+        ('"section, rough",1,', '"section",1,', r"case = 'section': give one of"),
     ],
 )
 def test_a_line_that_no_run_could_have_left_is_named(tmp_path, monkeypatch, old, new, message):
@@ -64,9 +64,12 @@ def test_a_line_that_no_run_could_have_left_is_named(tmp_path, monkeypatch, old,
 def test_core_seconds_are_those_of_a_step_times_the_mean_number_of_steps(monkeypatch):
     monkeypatch.setattr(class_runs, "on_cores", lambda cores, *arguments: {"step": 0.01, "time_step": 0.005})
     report = class_runs.run(quick=True)
-    assert report.values.keys() == set(class_runs.NAMES.values())
+    hours = {"expected_hours_to_cov_10", "expected_hours_to_cov_10_default"}
+    assert report.values.keys() == {*class_runs.NAMES.values(), *hours}
     for row in report.rows:
         assert row["core_seconds"] == pytest.approx(2 * row["simulated_s"])
         assert 0 < row["simulated_s"] < 0.7 * row["simulated_before_s"]
     known = early_runs.read()["3D, rough"].values()
+    runs_of = 1000 * report.values["rough_core_seconds"], 59 * report.values["refined_class_core_seconds"]
+    assert report.values["expected_hours_to_cov_10"] == pytest.approx(sum(runs_of) / 7200)
     assert report.rows[0]["simulated_s"] == pytest.approx(np.mean([run.early_time for run in known]))
