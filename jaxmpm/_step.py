@@ -110,13 +110,13 @@ def grid_to_particles(
     pic_velocity, change = jnp.split(values, 2)
     flip_velocity = state.velocity + dt * change
     flip = scene.flip if scene.pic_damping is None else jnp.exp(-scene.pic_damping * dt)
-    kept = pic_velocity
+    filtered = pic_velocity
     if scene.xpic > 1:
-        kept = flip_velocity - unresolved(scene, state, nodal, pic_velocity - dt * change, maps)
+        filtered = flip_velocity - unresolved(scene, state, nodal, pic_velocity - dt * change, maps)
     state = replace(
         state,
         displacement=state.displacement + dt * pic_velocity,
-        velocity=flip_velocity if flip is None else flip * flip_velocity + (1 - flip) * kept,
+        velocity=flip_velocity if flip is None else flip * flip_velocity + (1 - flip) * filtered,
     )
     if state.affine is not None:
         affine = velocity_gradient(scene.grid, maps.position, maps.unfold(motion.velocity), maps.from_all_nodes)

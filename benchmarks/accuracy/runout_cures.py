@@ -107,8 +107,8 @@ CASES: Mapping[str, Case] = {
 
 def noise(slide: Slide) -> float:
     """Root mean square of the velocity that the grid does not resolve, over the soil that slid (m/s)."""
-    moved = np.linalg.norm(np.asarray(slide.state.displacement), axis=0) >= slide.slid
-    left = np.asarray(slide.state.velocity - diagnostics.grid_velocity(slide.scene, slide.state))[:, moved]
+    sliding = np.linalg.norm(np.asarray(slide.state.displacement), axis=0) >= slide.slid
+    left = np.asarray(slide.state.velocity - diagnostics.grid_velocity(slide.scene, slide.state))[:, sliding]
     return float(np.sqrt((left**2).sum(axis=0).mean()))
 
 

@@ -96,14 +96,14 @@ class Watched:
         """Look at a run after a chunk of steps."""
         memory, before = self.memory.get(sample, (START, 0.0))
         strain, half_period = map(np.asarray, _measures(self.scene, midway.state))
-        moved = np.asarray(farthest(self.scene, midway.state, None, self.least_volume))
-        memory, stands, speeds_up = self.early.judged(memory, seconds - before, half_period, strain, moved)
+        displacement = np.asarray(farthest(self.scene, midway.state, None, self.least_volume))
+        memory, stands, speeds_up = self.early.judged(memory, seconds - before, half_period, strain, displacement)
         self.memory[sample] = memory, seconds
-        projected = float(self.early.projected(moved, np.asarray(seconds)))
+        projected = float(self.early.projected(displacement, np.asarray(seconds)))
         if sample in self.decided or int(midway.state.status) != Status.RUNNING:
             return
         if stands:
-            self.decided[sample] = Status.SETTLED.name, seconds, float(moved)
+            self.decided[sample] = Status.SETTLED.name, seconds, float(displacement)
         elif speeds_up and projected > self.stop_at:
             self.decided[sample] = Status.DECIDED.name, seconds, projected
 
@@ -137,11 +137,11 @@ def _rows(case: Case, numbers: list[int]) -> Iterator[tuple[object, ...]]:
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=run.t_end, settle=run.settle,
         stop_at=run.failure_displacement, least_volume=run.least_volume, observe=watched.observe,
     ):  # fmt: skip
-        moved = float(farthest(model.scene, result.state, None, run.least_volume))
+        displacement = float(farthest(model.scene, result.state, None, run.least_volume))
         steps, status = int(result.state.step), Status(int(result.status)).name
         time = steps * float(result.time_step)
-        early = watched.decided.get(sample, (status, time, moved))
-        values = (steps, time, moved, *early[1:])
+        early = watched.decided.get(sample, (status, time, displacement))
+        values = (steps, time, displacement, *early[1:])
         yield (sample, status, early[0], *(f"{value:.6g}" for value in values))
 
 

@@ -17,7 +17,7 @@ from cooperative import build, coefficients_of, random_soil
 from cooperative.measure import Motion, failure_mode
 from jaxmpm import Face, reduced, solve
 
-KEPT = DATA / "mode_pasts.npz"
+STORED = DATA / "mode_pasts.npz"
 CASE = "lx = ly = 60"
 SLIDES = 20
 EVERY = 0.25
@@ -118,12 +118,12 @@ def watch(run: Run) -> Watched:
     return Watched(slide, motion.onset, face, past)
 
 
-def kept() -> dict[int, Past]:
+def stored() -> dict[int, Past]:
     """Pasts by sample, of benchmarks/data."""
-    if not KEPT.is_file():
+    if not STORED.is_file():
         return {}
-    with np.load(KEPT) as stored:
-        parts = [stored[name] for name in ("sample", "released", "depth", "share", "height", "mode")]
+    with np.load(STORED) as file:
+        parts = [file[name] for name in ("sample", "released", "depth", "share", "height", "mode")]
     return {int(n): Past(r, d, s, float(h), str(m)) for n, r, d, s, h, m in zip(*parts, strict=True)}
 
 
@@ -131,7 +131,7 @@ def keep(pasts: dict[int, Past]) -> None:
     """Write pasts by sample."""
     each = list(pasts.values())
     np.savez_compressed(
-        KEPT,
+        STORED,
         sample=np.array(list(pasts)),
         released=np.stack([past.released for past in each]).astype(np.float32),
         depth=np.stack([past.depth for past in each]).astype(np.float32),

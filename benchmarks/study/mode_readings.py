@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.measure import Report
 from benchmarks.study import mode_readers, mode_sheets
-from benchmarks.study.mode_pasts import EVERY, Past, keep, kept, slides, watch
+from benchmarks.study.mode_pasts import EVERY, Past, keep, slides, stored, watch
 from benchmarks.study.modes import POOLED
 from cooperative.estimate import wilson_interval
 from cooperative.measure import SEVERITY, ModeRules, second_release
@@ -82,9 +82,9 @@ def run(quick: bool) -> Report:
     """Shares by each reading, beside the printed ones, and kappa with each reader; `quick` makes no difference.
 
     Raises:
-        ValueError: readers of other slides than those that are kept.
+        ValueError: readers of other slides than those that are stored.
     """
-    pasts, readers = kept(), mode_readers.read()
+    pasts, readers = stored(), mode_readers.read()
     table: dict[str, dict[str, Any]] = {name: shares(list(pasts.values()), each) for name, each in READINGS.items()}
     values: dict[str, Any] = {"slides": len(pasts)}
     for mode in SEVERITY:
@@ -142,7 +142,7 @@ def verdict(least: float, most: float, slides: int) -> str:
 
 
 def main() -> None:
-    """Run the slides that the kept file lacks, or draw their sheets."""
+    """Run the slides that the stored file lacks, or draw their sheets."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.study.mode_readings", description=__doc__)
     parser.add_argument("--draw", type=Path, metavar="FOLDER", help="draw the sheets that this folder lacks")
     arguments = parser.parse_args()
@@ -150,7 +150,7 @@ def main() -> None:
         for sheet in mode_sheets.draw(arguments.draw):
             print(sheet, flush=True)
         return
-    pasts = kept()
+    pasts = stored()
     for slide in slides():
         if slide.sample not in pasts:
             pasts[slide.sample] = watch(slide).past

@@ -1,4 +1,4 @@
-"""Rule by which the class of a lane is known before it rests or has moved far."""
+"""Rule by which the class of a lane is known before it rests or has run far."""
 
 from __future__ import annotations
 
@@ -81,17 +81,17 @@ class Early:
         Returns:
             The memory afterwards, whether the lane stands, and whether it speeds up.
         """
-        since, began, before, largest, least, moved, speed_before, fastest = memory
+        since, began, before, largest, least, displacement_before, speed_before, fastest = memory
         since = since + elapsed
         ends = since >= half_period * (1 - 1e-6)
-        rate, speed = (strain - began) / since, (displacement - moved) / since
+        rate, speed = (strain - began) / since, (displacement - displacement_before) / since
         largest_now, fastest_now = np.maximum(largest, rate), np.maximum(fastest, speed)
         still = (speed <= self.decay * speed_before) | (speed <= self.decay**2 * fastest_now)
         stands = ends & (rate <= self.decay * before) & still
         speeds_up = ends & (rate >= self.growth * least) & (rate >= self.decay * largest_now)
         least_now = np.where(rate > 0, np.minimum(least, rate), least)
         new = np.zeros_like(rate), strain, rate, largest_now, least_now, displacement, speed, fastest_now
-        same = since, began, before, largest, least, moved, speed_before, fastest
+        same = since, began, before, largest, least, displacement_before, speed_before, fastest
         return np.stack([np.where(ends, *pair) for pair in zip(new, same, strict=True)]), stands, speeds_up
 
 

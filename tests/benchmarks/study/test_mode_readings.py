@@ -64,14 +64,14 @@ def test_a_share_depends_on_the_rule_where_intervals_of_least_and_most_are_apart
 @pytest.fixture
 def two_slides(tmp_path, monkeypatch):
     """Pasts of a progressive and a deep slide by two pulses, and no readers."""
-    monkeypatch.setattr(mode_pasts, "KEPT", tmp_path / "pasts.npz")
+    monkeypatch.setattr(mode_pasts, "STORED", tmp_path / "pasts.npz")
     monkeypatch.setattr(mode_readings.mode_readers, "read", dict)
     mode_pasts.keep({7: slide([5, 0.8, 2]), 9: slide([1, 1, 1])})
 
 
-def test_pasts_are_read_as_they_were_kept(two_slides):
-    assert list(mode_pasts.kept()) == [7, 9]
-    np.testing.assert_allclose(mode_pasts.kept()[7].released, slide([5, 0.8, 2]).released, rtol=1e-6)
+def test_pasts_are_read_as_they_were_stored(two_slides):
+    assert list(mode_pasts.stored()) == [7, 9]
+    np.testing.assert_allclose(mode_pasts.stored()[7].released, slide([5, 0.8, 2]).released, rtol=1e-6)
     report = mode_readings.run(quick=False)
     assert report.values["slides"] == 2
     assert report.values["progressive_least"] == 0.0
@@ -81,8 +81,8 @@ def test_pasts_are_read_as_they_were_kept(two_slides):
 
 
 def test_no_file_has_no_pasts(tmp_path, monkeypatch):
-    monkeypatch.setattr(mode_pasts, "KEPT", tmp_path / "pasts.npz")
-    assert mode_pasts.kept() == {}
+    monkeypatch.setattr(mode_pasts, "STORED", tmp_path / "pasts.npz")
+    assert mode_pasts.stored() == {}
 
 
 def test_each_reading_is_compared_with_each_reader_under_the_numbers_of_the_sheets(two_slides, monkeypatch):

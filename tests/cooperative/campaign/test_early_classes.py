@@ -24,21 +24,21 @@ def rows(model, stop_at, **changes):
     campaign = replace(model.campaign, run=replace(model.campaign.run, **changes))
     coefficients = runs.coefficients_of(campaign, model.soil)
     numbers = range(campaign.plan.samples)
-    found = runs.run_samples(replace(model, campaign=campaign), coefficients, numbers, width=1, stop_at=stop_at)
-    return sorted(found, key=lambda sample: sample.number)
+    ran = runs.run_samples(replace(model, campaign=campaign), coefficients, numbers, width=1, stop_at=stop_at)
+    return sorted(ran, key=lambda sample: sample.number)
 
 
 def test_classes_are_those_of_whole_runs_in_fewer_steps_and_failures_keep_their_order(model):
     early, before, whole = rows(model, LIMIT), rows(model, LIMIT, early=False), rows(model, None)
-    moved = [np.array([sample.row["displacement"] for sample in each]) for each in (early, before, whole)]
-    fails = moved[2] > LIMIT
+    displacements = [np.array([sample.row["displacement"] for sample in each]) for each in (early, before, whole)]
+    fails = displacements[2] > LIMIT
     assert 0 < fails.sum() < fails.size
-    for each in moved[:2]:
+    for each in displacements[:2]:
         np.testing.assert_array_equal(each > LIMIT, fails)
     assert sum(sample.steps for sample in early) < 0.7 * sum(sample.steps for sample in before)
     assert {sample.status for sample in early} == {Status.DECIDED.name, Status.SETTLED.name}
-    # Slopes that stand have moved as far, to some millimetres.
-    np.testing.assert_allclose(moved[0][~fails], moved[1][~fails], atol=0.01)
+    # Slopes that stand have come as far, to some millimetres.
+    np.testing.assert_allclose(displacements[0][~fails], displacements[1][~fails], atol=0.01)
 
 
 def test_where_more_than_the_class_is_asked_for_nothing_ends_early(model):

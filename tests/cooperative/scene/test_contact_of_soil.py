@@ -44,7 +44,7 @@ def test_each_sample_slides_on_its_own_friction():
     assert read(model.campaign).site == model.campaign.site
 
 
-def test_the_contact_is_weakened_with_the_soil():
+def test_the_contact_is_reduced_with_the_soil():
     model, coefficients = model_of(SCENE)
     half, _ = model.with_strength_factor(0.5).of_sample(coefficients[0])
     whole, _ = model.of_sample(coefficients[0])

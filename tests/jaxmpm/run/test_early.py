@@ -22,12 +22,12 @@ def judged(displacement, strain=None, until=30.0):
     """Class and time (s) by the rule of a motion, looked at each window; "" if it stays open."""
     memory = START
     for time in np.arange(1, round(until / WINDOW) + 1) * WINDOW:
-        moved = np.asarray(displacement(time))
-        plastic = moved if strain is None else np.asarray(strain(time))
-        memory, stands, speeds_up = EARLY.judged(memory, WINDOW, np.asarray(0.2), plastic, moved)
+        displaced = np.asarray(displacement(time))
+        plastic = displaced if strain is None else np.asarray(strain(time))
+        memory, stands, speeds_up = EARLY.judged(memory, WINDOW, np.asarray(0.2), plastic, displaced)
         if stands:
             return "stands", time
-        if speeds_up and EARLY.projected(moved, time) > STOP:
+        if speeds_up and EARLY.projected(displaced, time) > STOP:
             return "fails", time
     return "", until
 
@@ -44,11 +44,11 @@ def test_a_block_beyond_its_limit_fails_once_its_mean_speed_would_take_it_there(
 def test_a_block_below_its_limit_that_was_pushed_stands_once_it_has_stopped(deceleration):
     stop = 0.4 / deceleration
 
-    def moved(t):
+    def displaced(t):
         t = min(t, stop)
         return 0.4 * t - deceleration * t**2 / 2
 
-    verdict, time = judged(moved)
+    verdict, time = judged(displaced)
     assert verdict == "stands"
     assert stop - WINDOW <= time <= stop + 2 * WINDOW
 
@@ -59,11 +59,11 @@ def test_a_block_on_softening_ground_gets_the_class_of_its_growing_part(rate, sh
     """v = A exp(l t) + B exp(-l t), A / B = share, until it stops: it fails if A > 0, and is known by then."""
     stop = np.inf if share > 0 else np.log(1 / -share) / (2 * rate)
 
-    def moved(t):
+    def displaced(t):
         t = min(t, stop)
         return 0.1 * (share * (np.exp(rate * t) - 1) + 1 - np.exp(-rate * t)) / rate
 
-    verdict, time = judged(moved)
+    verdict, time = judged(displaced)
     assert verdict == ("fails" if share > 0 else "stands")
     ordinary = np.log(1 + 10 * rate / share) / rate if share > 0 else stop  # passes 1 m, or has stopped
     assert time <= ordinary + 2 * WINDOW
@@ -84,10 +84,10 @@ def test_a_window_lasts_half_an_oscillation_and_looks_within_it_only_add_up():
     rng = np.random.default_rng(1)
     memory = once = np.stack([START] * 3, axis=1)
     for _ in range(5):
-        strain, moved = rng.uniform(size=(2, 3))
-        once, *answer = EARLY.judged(once, 0.25, np.full(3, 0.25), strain, moved)
+        strain, displaced = rng.uniform(size=(2, 3))
+        once, *answer = EARLY.judged(once, 0.25, np.full(3, 0.25), strain, displaced)
         for elapsed in (0.1, 0.15):
-            memory, *parts = EARLY.judged(memory, elapsed, np.full(3, 0.25), strain, moved)
+            memory, *parts = EARLY.judged(memory, elapsed, np.full(3, 0.25), strain, displaced)
         np.testing.assert_allclose(memory, once)
         np.testing.assert_array_equal(parts, answer)
 

@@ -337,8 +337,7 @@ def test_many_samples_end_the_same_whatever_the_width():
         each = mpm.solve_each(scene, state, varied, width=width, t_end=0.4)
         results.append({number: result.state.displacement for number, result in each})
     assert sorted(results[0]) == list(range(5))
-    for number in results[0]:
-        assert (results[0][number] == results[1][number]).all()
+    assert all((results[0][number] == results[1][number]).all() for number in results[0])
     with pytest.raises(ValueError, match="width = 0: give a whole number of 1 or more"):
         next(mpm.solve_each(scene, state, {"strength": []}, width=0, t_end=1.0))
 
