@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import runs
-from cooperative.estimate import Estimator, Phases, Screened, Slides, wilson_interval
+from cooperative.estimate import Estimator, Phases, Screened, Slides
 from cooperative.folder import Results, write_results
 from cooperative.scene import Campaign, Measured, in_folder, measure, write_budget
 from cooperative.store import (
-    GRIDS,
+    COARSE,
     SLIDES,
     Rows,
     Sample,
@@ -73,7 +73,7 @@ def run(
     """
     folder = Path(folder)
     campaign, source = in_folder(scene, folder, estimator, refined_runs)
-    unmeasured = replace(campaign, measured=Measured(campaign.measured.terms))
+    unmeasured, grids = replace(campaign, measured=Measured(campaign.measured.terms)), tuple(campaign.grids)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.packed(campaign)  # nothing is written for one that cannot be sent
@@ -85,8 +85,11 @@ def run(
             with stop.at_once():
                 if pool:
                     pool.prepare(runs.packed(unmeasured), folder.resolve())
-                models = _models(unmeasured, folder)
-            with open_store(folder, source, verify=verify) as store, runs.bars(folder, progress) as bar:
+                models = _models(unmeasured, grids, folder)
+            with (
+                open_store(folder, source, verify=verify, grids=grids) as store,
+                runs.bars(folder, progress) as bar,
+            ):
                 with stop.at_once():
                     for model in models.values():
                         runs.keep_initial(folder, model.grid, model.scene, model.state)
@@ -98,14 +101,14 @@ def run(
                 return _ran(_Runs(campaign, models, pool, stop, folder.resolve(), bar), store, on_phase)
 
 
-def _models(campaign: Campaign, folder: Path) -> dict[str, runs.GridModel]:
-    """Both grids of a campaign, at rest by what its folder keeps.
+def _models(campaign: Campaign, grids: tuple[str, ...], folder: Path) -> dict[str, runs.GridModel]:
+    """The grids of a campaign, at rest by what its folder keeps.
 
     Raises ValueError where slope, soil, field and grids do not fit.
     """
     soil = runs.random_soil(campaign)
     runs.check_coefficients(campaign, soil.modes)
-    return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in GRIDS}
+    return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in grids}
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,8 @@ class _Runs:
         """
         plan = self.campaign.plan
         limit = plan.screening_stop if grid == "rough" else None
-        if grid == "refined" and plan.slides is not None and not slides:
+        # A coarse run gives a rank alone, a refined one its class unless it slides.
+        if grid == COARSE or (grid == "refined" and plan.slides is not None and not slides):
             limit = self.campaign.run.failure_displacement
         if self.workers is not None:
             return runs.run_through(
@@ -146,7 +150,7 @@ class _Runs:
                 folder=self.folder, look=self.stop.look,
             )  # fmt: skip
         return runs.run_samples(
-            self.models[grid], coefficients, numbers, width=plan.lanes if grid == "rough" else plan.look_ahead,
+            self.models[grid], coefficients, numbers, width=plan.look_ahead if grid == "refined" else plan.lanes,
             stop_at=limit, restart_in=self.folder if grid == "refined" else None, stop=self.stop.asked, slides=slides,
         )  # fmt: skip
 
@@ -172,25 +176,42 @@ def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> Summar
 def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:
     """Run every sample of the first phase that is not there yet; the coefficients of all (n, modes), and that phase."""
     campaign, known = runner.campaign, rows("rough").results
-    estimator, sampling = campaign.estimator, runs.sampling_of(campaign)
+    zones = None if campaign.coarse is None else runs.draw_by(campaign, _on_coarse_grid(runner, store, rows))
+    estimator, sampling = campaign.estimator, runs.sampling_of(campaign, zones)
+    planned = estimator.rough_runs(sampling)
 
     def share() -> str:
-        fails = sum(
-            broke_off or displacement > campaign.run.failure_displacement for displacement, broke_off in known.values()
-        )
-        return "{:.3f} fail ({:.3f} to {:.3f})".format(fails / len(known), *wilson_interval(fails, len(known)))
+        now = Phases(estimator, sampling.failure_displacement, known, planned=planned, zones=zones).estimate
+        return "{:.3f} fail ({:.3f} to {:.3f})".format(now.probability, *now.interval)
 
-    with runner.bar("rough grid", estimator.rough_runs(sampling), len(known)) as bar:
+    with runner.bar("rough grid", planned, len(known)) as bar:
         while True:
             coefficients = estimator.coefficients(sampling, known)
-            missing = [number for number in range(len(coefficients)) if number not in known]
+            asked = range(len(coefficients)) if zones is None else sorted(zones)
+            missing = [number for number in asked if number not in known]
             if not missing:
                 return coefficients, Phases.known(estimator, sampling, known, {})
             for sample in runner.samples("rough", missing, coefficients):
+                if zones is not None:
+                    sample = replace(sample, row={**sample.row, **runs.row_of(zones[sample.number])})
                 write_sample(store, "rough", sample)
                 known[sample.number] = sample.result
                 runs.advance(bar, share)
                 runner.stop.look()
+
+
+def _on_coarse_grid(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> Screened:
+    """Run every sample on the coarse grid that has not run there yet; the results of all."""
+    campaign, known = runner.campaign, rows(COARSE).results
+    samples, coefficients = campaign.plan.samples, runs.sampling_of(campaign).draw()
+    with runner.bar("coarse grid", samples, len(known)) as bar:
+        missing = [number for number in range(samples) if number not in known]
+        for sample in runner.samples(COARSE, missing, coefficients):
+            write_sample(store, COARSE, sample)
+            known[sample.number] = sample.result
+            bar.update()
+            runner.stop.look()
+    return known
 
 
 def _refine(

@@ -78,6 +78,7 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
             high=tuple(each.interval[1] for each in path),
         ),
         samples=len(rough.numbers),
+        coarse_samples=phases.coarse_samples,
         failures_rough=int(np.sum(rough.columns["displacement"] > limit)),
         refined_runs=len(refined.numbers),
         failures_refined=int(slides.failed.sum()),

@@ -108,6 +108,7 @@ class Summary:
         refined_runs: on the refined grid.
         failures_refined: on the refined grid.
         slides: failures that slid on to their end.
+        coarse_samples: on the coarse grid, of which those on the rough grid were drawn; None without such a grid.
         slides_drawn: that there are in the end, as far as is known.
         calibration: as measured before the first run, None where the scene has none.
         limit_load: as measured before the first run, None where the scene has none.
@@ -179,6 +180,7 @@ class Summary:
     slide_weights: Mapping[int, float]
     stands_for: Mapping[int, StandsFor]
     annual_frequency: float | None
+    coarse_samples: int | None = None
 
     @property
     def elements_at_risk(self) -> Mapping[str, Element | None]:

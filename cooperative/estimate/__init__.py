@@ -17,10 +17,20 @@ from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, 
 from cooperative.estimate._formulas import control_variate, monte_carlo, published
 from cooperative.estimate._fragility import Curve, fit_fragility
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
+from cooperative.estimate._nested import draw_samples
 from cooperative.estimate._paired import Difference, by_sample, covariance_of, paired_difference
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides, slide_order, zone_weights
 from cooperative.estimate._plain import ControlVariate, MonteCarlo, Published, SceneSamples
-from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened, all_samples
+from cooperative.estimate._protocol import (
+    Answers,
+    Estimator,
+    Failures,
+    Population,
+    Sampling,
+    Screened,
+    Zone,
+    all_samples,
+)
 from cooperative.estimate._ranking import Correlation, correlation, next_refined, rank_samples, stopping_rank
 from cooperative.estimate._subset import SubsetPlan, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
@@ -62,6 +72,7 @@ __all__ = [
     "Subset",
     "SubsetPlan",
     "TwoPhase",
+    "Zone",
     "after_more_runs",
     "all_samples",
     "by_sample",
@@ -69,6 +80,7 @@ __all__ = [
     "control_variate",
     "correlation",
     "covariance_of",
+    "draw_samples",
     "effective_size",
     "effects_of",
     "exceedance",

@@ -161,11 +161,11 @@ def check_plan(plan: AuditPlan) -> None:
 
 
 def check_weights(population: Population, weight: np.ndarray, count: int) -> None:
-    """Raise ValueError for weights that do not sum to 1, or have no replicates."""
+    """Raise ValueError for weights that do not sum to 1, or have no replicates and stand for no zones."""
     if weight.shape != (count,) or not (weight > 0).all() or not np.isclose(weight.sum(), 1.0):
         raise ValueError(f"weight sums to {weight.sum():.6g}: give {count} positive weights that sum to 1")
-    if population.replicate is None and population.weight is not None:
-        raise ValueError("weighted samples are not independent: give the replicate that each came from")
+    if population.replicate is None and population.zones is None and population.weight is not None:
+        raise ValueError("weighted samples are not independent: give the replicate that each came from, or its zone")
     if population.replicate is not None and np.unique(population.replicate).size < 2:
         raise ValueError("replicate names fewer than 2 independent runs: give at least 2, better 8")
 

@@ -18,6 +18,7 @@ from cooperative.estimate._plain import (
     ControlVariate,
     MonteCarlo,
     Published,
+    check_all_run,
     check_rule,
     monte_carlo_of_all,
     out_of_reach,
@@ -93,9 +94,16 @@ class TwoPhase(Audited):
             raise ValueError(
                 f"[campaign] samples = {sampling.samples}: give 10 or more for the audit, or estimator = 'published'"
             )
+        if sampling.rough_samples is not None and not 10 <= sampling.rough_samples <= sampling.samples:
+            raise ValueError(
+                f"[campaign] rough_samples = {sampling.rough_samples} of samples = {sampling.samples}: give 10 to "
+                f"{sampling.samples}"
+            )
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
-        """n/N where its rule is met, plain Monte Carlo where every sample ran."""
+        """n/N where its rule is met, plain Monte Carlo where every sample ran; neither of zones."""
+        if population.zones is not None:
+            return []
         return [*published_where_met(self.k_t, population, answers), *monte_carlo_of_all(population, answers)]
 
 
@@ -128,8 +136,9 @@ class Subset(Audited):
         return SubsetPlan(sampling.samples // replicates, levels, replicates, seed=self.seed)
 
     def check(self, sampling: Sampling) -> None:
-        """ValueError for levels that chains do not fill, or a budget or target that an audit cannot do with."""
+        """ValueError for levels that chains do not fill, a budget or target out of range, or a coarse grid."""
         super().check(sampling)
+        check_all_run(self, sampling)
         replicates = SubsetPlan.replicates if self.replicates is None else self.replicates
         if replicates < 2 or (self.levels is not None and self.levels < 1):
             raise ValueError(f"[campaign] replicates = {replicates}, levels = {self.levels}: give 2 or more, 1 or more")

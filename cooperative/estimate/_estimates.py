@@ -100,15 +100,15 @@ def with_variance(
 
 def binomial(
     method: str,
-    failures: int,
-    samples: int,
+    failures: float,
+    samples: float,
     refined_runs: int,
     *,
     level: float = 0.95,
     notes: tuple[str, ...] = (),
     audit_variance: float = 0.0,
 ) -> Estimate:
-    """The share of failures among independent samples, with Wilson's interval."""
+    """The share of failures among independent samples, with Wilson's interval; both may be fractional."""
     share = failures / samples
     cov = float(np.sqrt((1 - share) / failures)) if failures else float("inf")
     interval = wilson_interval(failures, samples, level)

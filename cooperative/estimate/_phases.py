@@ -19,15 +19,24 @@ Sarndal, Swensson and Wretman (1992), Model Assisted Survey Sampling, Section 7.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from cooperative.estimate._audit import FAR_DOWN
-from cooperative.estimate._estimates import Estimate, binomial
-from cooperative.estimate._protocol import Answers, Estimator, Failures, Modelled, Population, Sampling, Screened
+from cooperative.estimate._estimates import Estimate, binomial, effective_size
+from cooperative.estimate._protocol import (
+    Answers,
+    Estimator,
+    Failures,
+    Modelled,
+    Population,
+    Sampling,
+    Screened,
+    Zone,
+)
 from cooperative.estimate._ranking import rank_samples
 
 NOT_ASKED = "the scene asks for no slides (slides = 0)"
@@ -49,6 +58,7 @@ class Phases:
         population: samples of the first phase, None while that is not complete.
         answers: sample -> whether it failed on the refined grid, None where the run broke off before it could tell.
         planned: samples of the first phase in the end.
+        zones: what each of these stands for that a coarser grid chose; None without such a grid.
     """
 
     estimator: Estimator
@@ -57,6 +67,7 @@ class Phases:
     population: Population | None = None
     answers: Answers = field(default_factory=dict)
     planned: int = 0
+    zones: Mapping[int, Zone] | None = None
 
     @classmethod
     def known(cls, estimator: Estimator, sampling: Sampling, rough: Screened, refined: Screened) -> Phases:
@@ -64,7 +75,8 @@ class Phases:
         # Once there are refined runs, missing rough ones wait to be redone, and the estimate does without them.
         planned = estimator.rough_runs(sampling)
         population = None if len(rough) < planned and not refined else estimator.population(sampling, rough)
-        return cls(estimator, sampling.failure_displacement, rough, population, planned=planned).refined(refined)
+        begun = cls(estimator, sampling.failure_displacement, rough, population, planned=planned, zones=sampling.zones)
+        return begun.refined(refined)
 
     def refined(self, results: Screened) -> Phases:
         """The same first phase with these results of the refined grid, and no others."""
@@ -154,14 +166,22 @@ class Phases:
         return None if self.population is None else self.estimator.why_finished(self.population, self._by_position)
 
     @property
+    def coarse_samples(self) -> int | None:
+        """Samples from which a coarser grid chose those of the first phase; None without such a grid."""
+        return next(iter(self.zones.values())).samples if self.zones else None
+
+    @property
     def _rough_alone(self) -> Estimate:
-        known = [answer for result in self.rough.values() if (answer := self.answer(*result)) is not None]
+        known = {n: answer for n, result in self.rough.items() if (answer := self.answer(*result)) is not None}
         method, notes = "rough grid alone", ["screening is not complete: the share that fails on the rough grid alone"]
         if lost := len(self.rough) - len(known):
             notes.append(f"{lost} rough runs gave no answer and are left out")
         if not known:
             return Estimate(0.0, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
-        return binomial(method, sum(known), len(known), 0, notes=tuple(notes))
+        weight = np.array([self.zones[n].weight if self.zones else 1.0 for n in known])
+        size = effective_size(weight)
+        failed = size * float(weight @ np.array(list(known.values()), float)) / float(weight.sum())
+        return binomial(method, failed, size, 0, notes=tuple(notes))
 
     @cached_property
     def _numbers(self) -> list[int]:

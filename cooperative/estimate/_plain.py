@@ -31,15 +31,15 @@ class SceneSamples(Estimator, Protocol):
     """
 
     def rough_runs(self, sampling: Sampling) -> int:
-        """One of each sample."""
-        return sampling.samples
+        """One of each sample, or of those drawn of them."""
+        return sampling.rough_samples or sampling.samples
 
     def coefficients(self, sampling: Sampling, screened: Screened) -> np.ndarray:
         """Those of the scene's samples, (samples, modes)."""
         return sampling.draw()
 
     def population(self, sampling: Sampling, screened: Screened) -> Population | None:
-        """The scene's samples."""
+        """The scene's samples, or those drawn of them."""
         return all_samples(sampling, screened)
 
     def path(self, population: Population, answers: Answers) -> list[Estimate]:
@@ -63,8 +63,9 @@ class Published(SceneSamples):
     k_t: int
 
     def check(self, sampling: Sampling) -> None:
-        """ValueError for a k_t below 1."""
+        """ValueError for a k_t below 1, or a coarse grid."""
         check_rule(self.k_t)
+        check_all_run(self, sampling)
 
     def budget(self, samples: int) -> None:
         """The stopping rule alone tells."""
@@ -155,9 +156,10 @@ class InOrder(Budgeted):
     k_t: int | None = None
 
     def check(self, sampling: Sampling) -> None:
-        """ValueError for a budget, target or k_t that makes no sense."""
+        """ValueError for a budget, target or k_t that makes no sense, or a coarse grid."""
         super().check(sampling)
         check_rule(self.k_t)
+        check_all_run(self, sampling)
 
     def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The first samples, as many as the budget allows, or until the target is met at a multiple of 10."""
@@ -244,6 +246,15 @@ def check_rule(k_t: int | None) -> None:
     """ValueError for a k_t below 1."""
     if k_t is not None and k_t < 1:
         raise ValueError(f"[campaign] k_t = {k_t}: give 1 or more")
+
+
+def check_all_run(estimator: Estimator, sampling: Sampling) -> None:
+    """ValueError for a coarse grid, which an estimator without weights cannot do with."""
+    if sampling.rough_samples is not None:
+        raise ValueError(
+            f"[coarse] draws the rough samples, and estimator = {estimator.name!r} takes all samples as alike: leave "
+            "[coarse] and rough_samples out, or take estimator = 'two-phase'"
+        )
 
 
 def published_where_met(k_t: int | None, population: Population, answers: Answers) -> list[Estimate]:

@@ -37,7 +37,10 @@ class Sampling:
         screening_stop: displacement at which a rough run ends (m), None where none does.
         modes: gives the number of coefficients of a sample.
         draw: gives the coefficients of all samples (samples, modes), by the design that the scene asks for, Latin
-            hypercube or another. `check` and `rough_runs` do without the last two.
+            hypercube or another. `check` and `rough_runs` do without `modes` and `draw`.
+        rough_samples: of these, how many run on the rough grid, drawn by their displacement on a coarser one; None
+            where all do.
+        zones: what each of these stands for, by number; None where all run.
     """
 
     samples: int
@@ -45,6 +48,27 @@ class Sampling:
     screening_stop: float | None = None
     modes: Callable[[], int] = _no_field
     draw: Callable[[], np.ndarray] = _no_field
+    rough_samples: int | None = None
+    zones: Mapping[int, Zone] | None = None
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Ranks on a coarser grid that a sample stands for, which was drawn from them.
+
+    Args:
+        weight: share of all samples that they are.
+        score: normal score of the sample's rank there.
+        single: weight of the sample there.
+        samples: independent ones, of which the coarsest grid had all.
+        earlier: the same of the grid before, None where the coarser grid had all samples.
+    """
+
+    weight: float
+    score: float
+    single: float
+    samples: int
+    earlier: Zone | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +83,7 @@ class Population:
             are independent.
         number: (N,) int, of each sample in the campaign, 0 to N - 1 if None.
         failure_displacement: beyond which a sample has failed (m).
+        zones: what each stands for of the samples of a coarser grid (N,), None where there is none.
     """
 
     rough_displacement: np.ndarray
@@ -67,11 +92,22 @@ class Population:
     replicate: np.ndarray | None = None
     number: np.ndarray | None = None
     failure_displacement: float = 1.0
+    zones: tuple[Zone, ...] | None = None
 
     @property
     def size(self) -> int:
         """How many samples there are, N."""
         return int(np.size(self.rough_displacement))
+
+    @property
+    def independent(self) -> int:
+        """Independent samples that these were drawn from; themselves where they were not drawn."""
+        return self.size if self.zones is None else self.zones[0].samples
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Share of all samples that each is (N,)."""
+        return np.full(self.size, 1 / self.size) if self.weight is None else np.asarray(self.weight)
 
     @property
     def numbers(self) -> np.ndarray:
@@ -179,16 +215,24 @@ class Modelled(Protocol):
 
 
 def all_samples(sampling: Sampling, screened: Screened) -> Population | None:
-    """A first phase that is the scene's own samples, each as good as another; None before the first result.
+    """The scene's own samples, each as good as another, or those drawn of them; None before the first result.
+
+    Zone ones stand for all only together: None until all of them have a result.
 
     Args:
         sampling: of the scene.
         screened: rough results.
     """
-    if not screened:
+    if not screened or (sampling.zones is not None and sampling.zones.keys() - screened.keys()):
         return None
-    number = np.array(sorted(screened), dtype=int)
+    number = np.array(sorted(screened if sampling.zones is None else sampling.zones), dtype=int)
     displacement, broke_off = (np.array([screened[int(n)][which] for n in number]) for which in (0, 1))
+    zones = None if sampling.zones is None else tuple(sampling.zones[int(n)] for n in number)
     return Population(
-        displacement, broke_off.astype(bool), number=number, failure_displacement=sampling.failure_displacement
+        displacement,
+        broke_off.astype(bool),
+        weight=None if zones is None else np.array([zone.weight for zone in zones]),
+        number=number,
+        failure_displacement=sampling.failure_displacement,
+        zones=zones,
     )

@@ -44,6 +44,7 @@ from cooperative.estimate._audit import (
 )
 from cooperative.estimate._estimates import Estimate, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
+from cooperative.estimate._nested import first_variance
 from cooperative.estimate._protocol import Answers, Failures, Population
 from cooperative.estimate._ranking import rank_samples
 
@@ -73,7 +74,7 @@ class _Replay:
 
 
 def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> list[int]:
-    """Samples to run on the refined grid next, in the order drawn; all may run at once.
+    """Samples to run on the refined grid next, those in most doubt first; all may run at once.
 
     Empty when finished. First the rough runs that broke off and the ranked prefix, then wave by wave.
 
@@ -154,7 +155,7 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     check_plan(plan)
     ranking = rank_samples(population.rough_displacement, population.broke_off)
     order, count, lost = ranking.order, ranking.order.size, ranking.broke_off.size
-    weight = np.full(count, 1 / count) if population.weight is None else np.asarray(population.weight)[order]
+    weight = population.weights[order]
     check_weights(population, weight, count)
     if lost > plan.runs - plan.first_wave:
         raise ValueError(
@@ -190,6 +191,8 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
         share = _wave_share(population, so_far, plan, wave, rest, left)
         wave = replace(wave, ranks=wave.ranks[: share.size], probability=wave.probability[: share.size])
         missing = wave.ranks[~there[wave.ranks]]
+        # Samples in doubt run longest: they begin, so that workers end a wave together.
+        missing = missing[np.argsort(np.abs(wave.model[missing] - 0.5), kind="stable")]
         # Results of an incomplete wave wait for the others.
         if not missing.size:
             known[wave.ranks] = True
@@ -318,25 +321,19 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
             f"THE RANKS MISLEAD: {far.failed} of {far.drawn} low-ranked samples failed when refined, and the model "
             f"expected {max(far.expected, 0.1):.1f}; more of the runs are now spread evenly over all ranks"
         )
-    both, freedom = _whole_variance(audit, variance, min(max(total, 0.0), 1.0), weight.size, group)
+    chance = np.where(np.isnan(replay.outcome), model, replay.outcome)[np.argsort(replay.order)]
+    sampling = first_variance(population, min(max(total, 0.0), 1.0), chance)
+    both, freedom = _whole_variance(audit, variance, sampling, group)
     return with_variance(
-        "two-phase",
-        total,
-        both,
-        runs,
-        freedom=freedom,
-        audit_variance=variance,
-        level=level,
-        notes=tuple(notes),
-        unseen=hidden,
-        independent=np.inf if group is not None else float(weight.size),
-    )
+        "two-phase", total, both, runs, freedom=freedom, audit_variance=variance, level=level, notes=tuple(notes),
+        unseen=hidden, independent=np.inf if group is not None else float(population.independent),
+    )  # fmt: skip
 
 
 def _whole_variance(
-    audit: AuditTotal, variance: float, share: float, samples: int, group: np.ndarray | None
+    audit: AuditTotal, variance: float, sampling: float, group: np.ndarray | None
 ) -> tuple[float, float]:
-    """Variance of both phases and its degrees of freedom; `variance` is that of the audit.
+    """Variance of all phases and its degrees of freedom; `variance` is that of the audit, `sampling` of those before.
 
     Independent samples scatter binomially. Replicates of subset simulation show by their own scatter what chains,
     levels and audit do together, whatever depends on what within them (random groups; Wolter 2007, Introduction to
@@ -345,6 +342,6 @@ def _whole_variance(
     if group is not None:
         each = audit.by_group * audit.by_group.size
         return max(float(each.var(ddof=1)) / each.size, variance), each.size - 1.0
-    both = variance + share * (1 - share) / samples
-    # Welch and Satterthwaite, the binomial part being as good as known.
+    both = variance + sampling
+    # Welch and Satterthwaite, the part of the sampling being as good as known.
     return both, audit.effective_draws * (both / variance) ** 2 if variance > 0 else np.inf

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from cooperative.runs import Cost, Reach, reach_of
 from cooperative.scene import Campaign, remarks
-from cooperative.store import GRIDS
 from jaxmpm import ground
 
 
@@ -26,8 +25,8 @@ def words_of_cost(scene: Campaign, cost: Cost) -> Iterator[str]:
     yield f"  ground         {' x '.join(f'{edge:g}' for edge in shape.extent)} m, {ground.volume(shape):.4g} {unit}"
     for layer, thickness in zip(scene.site.layers, scene.site.thicknesses, strict=True):
         rock = ", rock" if layer.rock and layer.name != "rock" else ""
-        cells = {grid: thickness.metres / scene.grids[grid].cell for grid in GRIDS}
-        few = [grid for grid in GRIDS if thickness.too_thin(scene.grids[grid].cell)]
+        cells = {grid: thickness.metres / scene.grids[grid].cell for grid in scene.grids}
+        few = [grid for grid in scene.grids if thickness.too_thin(scene.grids[grid].cell)]
         yield (
             f"  layer          {layer.name}{rock}, {thickness.metres:.3g} m thick: "
             + ", ".join(f"{count:.2g} {grid} cells" for grid, count in cells.items())
@@ -40,18 +39,16 @@ def words_of_cost(scene: Campaign, cost: Cost) -> Iterator[str]:
             f"losses at its base alone, would run {reach.slide:.0f} m"
         )
     for grid, size in cost.sizes.items():
-        most = "" if grid == "rough" else "at most "
+        most = "at most " if grid == "refined" else ""
         yield (
             f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
             f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
         )
     yield from (f"  WARNING        {remark}" for remark in (*remarks(scene), *_short(reach)))
-    yield f"  memory         {cost.memory / 1e9:.2g} GB for both grids in one process"
-    rough, refined = (cost.hours(grid) for grid in GRIDS)
-    yield (
-        f"  time           at most {rough + refined:.3g} hours of one core, {rough:.3g} on the rough grid and "
-        f"{refined:.3g} on the refined one; runs whose slope stands end far sooner"
-    )
+    yield f"  memory         {cost.memory / 1e9:.2g} GB for all grids in one process"
+    hours = {grid: cost.hours(grid) for grid in cost.sizes}
+    each = ", ".join(f"{hours[grid]:.3g} on the {grid} grid" for grid in hours)
+    yield f"  time           at most {sum(hours.values()):.3g} hours of one core, {each}; many runs end sooner"
 
 
 def _short(reach: Reach | None) -> Iterator[str]:

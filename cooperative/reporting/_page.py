@@ -93,7 +93,7 @@ def answer(results: Results) -> Iterator[str]:
     )
     yield paragraph(
         f"It fails when {failing_soil(results)} moves farther than {summary.failure_displacement:g} m. "
-        f"{summary.samples} random slopes ran on the rough grid, {summary.refined_runs} of them on the refined one, "
+        f"{sentences.screened(summary)}, {summary.refined_runs} of these on the refined one, "
         f"where {summary.failures_refined} failed. {reach(results)}".strip()
     )
     for line in (sentences.condition(summary), *sentences.at_risk(summary)):

@@ -66,7 +66,7 @@ class Progress:
         name: of the campaign.
         controller: who holds the folder, in words.
         running: whether that runs, as far as can be seen.
-        grids: rough, then refined, then the slides where not all failures run to their end.
+        grids: coarse where there is one, rough, refined, then the slides where not all failures run to their end.
         estimate: from the refined runs so far, or while screening the share of rough failures; None before the first
             sample.
     """
@@ -90,13 +90,18 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     """
     store = read_store(folder)
     campaign = campaign_of(store, estimator)
-    rows = dict(zip(GRIDS, map(runs.rows_reader(store, runs.samples_of(campaign)), GRIDS), strict=True))
-    pace = {grid: _pace(store, grid, rows[grid]) for grid in GRIDS}
+    read = runs.rows_reader(store, runs.samples_of(campaign))
+    rows = {grid: read(grid) for grid in campaign.grids}
+    pace = {grid: _pace(store, grid, rows[grid]) for grid in rows}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)
     rough, refined = (rows[grid] for grid in GRIDS)
     phases = runs.phases_of(campaign, rough, refined)
-    planned = {"rough": (planned_rough(campaign), False), "refined": planned_refined(campaign, phases, rough, refined)}
+    planned = {
+        "coarse": (campaign.plan.samples, False),
+        "rough": (planned_rough(campaign), False),
+        "refined": planned_refined(campaign, phases, rough, refined),
+    }
     grids = [
         GridProgress(
             grid, len(mine.numbers), *planned[grid], pace[grid],

@@ -28,6 +28,10 @@ def words(results: Results) -> str:
     for method, other in summary.other_estimates.items():
         low, high = other.interval
         lines.append(f"  by {method:<20} {other.probability:.3f}  ({low:.3f} to {high:.3f})")
+    if summary.coarse_samples is not None:
+        lines.append(
+            f"  coarse grid    {summary.coarse_samples} samples; each of those below stands for a zone of ranks"
+        )
     lines += [
         f"  rough grid     {summary.samples} samples, {summary.failures_rough} beyond the failure displacement, "
         f"{summary.seconds['rough']:.0f} s",
@@ -48,6 +52,16 @@ def words(results: Results) -> str:
     lines += [f"  note: {note}" for note in summary.notes]
     lines.append(f"  report with figures: {results.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))
+
+
+def screened(summary: Summary) -> str:
+    """How many samples ran on the rough grid, and on the coarse one before it."""
+    if summary.coarse_samples is None:
+        return f"{summary.samples} random slopes ran on the rough grid"
+    return (
+        f"{summary.coarse_samples} random slopes ran on the coarse grid, {summary.samples} of them, each drawn from a "
+        "zone of its ranks, on the rough grid"
+    )
 
 
 def condition(summary: Summary) -> str:

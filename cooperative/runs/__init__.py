@@ -22,7 +22,7 @@ from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._reach import Reach, reach_of
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, finished, run_samples
-from cooperative.runs._sampling import coefficients_of, phases_of, samples_of, sampling_of
+from cooperative.runs._sampling import coefficients_of, draw_by, phases_of, row_of, samples_of, sampling_of
 from cooperative.runs._size import Cost, GridSize, check_coefficients, check_size, cost_of, grid_size, seconds_per_step
 from cooperative.runs._stopping import Stop, Stopped, stop_by_signals
 
@@ -53,6 +53,7 @@ __all__ = [
     "cores_to_use",
     "cost_of",
     "dask_executor",
+    "draw_by",
     "finished",
     "foreign",
     "grid_size",
@@ -71,6 +72,7 @@ __all__ = [
     "read_drawn",
     "read_ground",
     "release_programs",
+    "row_of",
     "rows_reader",
     "run_samples",
     "run_through",

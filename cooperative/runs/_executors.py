@@ -160,7 +160,7 @@ _campaigns: dict[str, Campaign] = {}
 
 
 def prepare(campaign: Packed, folder: Path) -> None:
-    """Build the rough grid in a worker before its first sample, so that what that takes to compile is there then.
+    """Build a worker's first grid before its first sample, so that what that takes to compile is there then.
 
     Args:
         campaign: packed with its content; not yet measured.
@@ -169,10 +169,10 @@ def prepare(campaign: Packed, folder: Path) -> None:
     assert campaign.content is not None
     unmeasured = unpacked(campaign.content)
     soil = random_soil(unmeasured)
-    build(unmeasured, "rough", soil, folder=folder).varied(np.zeros(soil.modes, np.float32))
+    build(unmeasured, next(iter(unmeasured.grids)), soil, folder=folder).varied(np.zeros(soil.modes, np.float32))
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _prepared(key: str, grid: str, folder: Path | None) -> GridModel:
     campaign = _campaigns[key]
     return build(campaign, grid, random_soil(campaign), folder=folder)
@@ -202,7 +202,7 @@ class Workers:
         return self
 
     def prepare(self, campaign: Packed, folder: Path) -> None:
-        """Open the executor, and have the processes of this machine build the rough grid before their samples.
+        """Open the executor, and have the processes of this machine build the first grid before their samples.
 
         Nobody waits for it, and an error in it shows again in the samples.
 
@@ -269,7 +269,7 @@ def run_through(
     pending: dict[Future[Sample | None], int] = {}
     alone, broken, refused = workers.count == 1, False, 0
     # The estimator chooses refined samples by what is known, so none of these may wait.
-    places = workers.count + (workers.ahead if grid == "rough" else 0)
+    places = workers.count + (0 if grid == "refined" else workers.ahead)
 
     known = Packed(campaign.key)
 

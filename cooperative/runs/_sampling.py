@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax
 import numpy as np
 
-from cooperative.estimate import Phases, Sampling
+from cooperative.estimate import Phases, Sampling, Screened, Zone, all_samples, draw_samples
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.scene import Campaign, Given
 from cooperative.store import Rows
+
+COLUMNS_OF_ZONES = {
+    "zone_weight": "weight",
+    "coarse_score": "score",
+    "coarse_weight": "single",
+    "coarse_samples": "samples",
+}
+"""Column of a rough row -> field of `Zone`."""
 
 
 def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
@@ -22,11 +32,12 @@ def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
     return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, soil.modes))
 
 
-def sampling_of(campaign: Campaign) -> Sampling:
+def sampling_of(campaign: Campaign, zones: Mapping[int, Zone] | None = None) -> Sampling:
     """The first phase as the campaign's estimator sees it; random fields are expanded when first asked for.
 
     Args:
         campaign: the campaign.
+        zones: what each rough sample stands for, where the campaign has a coarse grid.
     """
     return Sampling(
         campaign.plan.samples,
@@ -34,15 +45,21 @@ def sampling_of(campaign: Campaign) -> Sampling:
         campaign.plan.screening_stop,
         modes=lambda: int(random_soil(campaign).modes),
         draw=lambda: coefficients_of(campaign, random_soil(campaign)),
+        rough_samples=campaign.plan.rough_samples,
+        zones=zones,
     )
 
 
 def samples_of(campaign: Campaign) -> int | None:
-    """Samples of the first phase; None where the estimator of a script, which alone knows, is not here.
+    """Samples of the first phase, on the coarse grid where there is one.
+
+    None where the estimator of a script, which alone knows, is not here.
 
     Args:
         campaign: the campaign.
     """
+    if campaign.coarse is not None:
+        return campaign.plan.samples
     if isinstance(campaign.estimator, Given):
         return None
     return campaign.estimator.rough_runs(sampling_of(campaign))
@@ -56,4 +73,41 @@ def phases_of(campaign: Campaign, rough: Rows, refined: Rows) -> Phases:
         rough: rows of the rough grid.
         refined: rows of the refined grid.
     """
-    return Phases.known(campaign.estimator, sampling_of(campaign), rough.results, refined.results)
+    zones = None if campaign.coarse is None else zones_of(rough)
+    return Phases.known(campaign.estimator, sampling_of(campaign, zones), rough.results, refined.results)
+
+
+def draw_by(campaign: Campaign, coarse: Screened) -> dict[int, Zone]:
+    """The samples that run on the rough grid, drawn by the coarse one: number -> what it stands for.
+
+    Args:
+        campaign: with a coarse grid.
+        coarse: results of all samples there.
+    """
+    plan = campaign.plan
+    assert plan.rough_samples is not None
+    population = all_samples(Sampling(plan.samples, campaign.run.failure_displacement), coarse)
+    assert population is not None
+    return draw_samples(population, plan.rough_samples, plan.seed)
+
+
+def row_of(zone: Zone) -> dict[str, float | int]:
+    """What the row of a rough run holds of the zone that its sample stands for.
+
+    Args:
+        zone: of the sample.
+    """
+    return {name: getattr(zone, of) for name, of in COLUMNS_OF_ZONES.items()}
+
+
+def zones_of(rough: Rows) -> dict[int, Zone]:
+    """The zones of rough rows, by number.
+
+    Args:
+        rough: rows of a campaign with a coarse grid.
+    """
+    columns = [rough.columns.get(name, np.zeros(0)) for name in COLUMNS_OF_ZONES]
+    return {
+        number: Zone(float(weight), float(score), float(single), int(samples))
+        for number, weight, score, single, samples in zip(rough.numbers, *columns, strict=True)
+    }

@@ -23,7 +23,6 @@ from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._sampling import sampling_of
 from cooperative.scene import TAIL, Campaign, RandomField
-from cooperative.store import GRIDS
 from jaxmpm import Material, Scene, State, Status, advance, block, ground
 from jaxmpm.laws import declared
 from jaxmpm.soil import AnySoil
@@ -154,10 +153,11 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
         ValueError: slope, soil and grids that do not fit together, and for a campaign that would not end or not fit
             into the memory of this machine.
     """
-    plan, runs = campaign.plan, campaign.estimator.rough_runs(sampling_of(campaign))
+    plan, runs = campaign.plan, _first_runs(campaign)
     if runs > MOST_RUNS:
-        raise ValueError(f"the campaign asks for {runs} rough runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
-    sizes = {grid: grid_size(campaign, grid) for grid in GRIDS}
+        first = next(iter(campaign.grids))
+        raise ValueError(f"the campaign asks for {runs} {first} runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
+    sizes = {grid: grid_size(campaign, grid) for grid in campaign.grids}
     for grid, size in sizes.items():
         t_end, step = campaign.run.t_end, campaign.run.last(grid) / size.steps
         if t_end < step:
@@ -178,8 +178,8 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
             )
     usual = 1 if jax.default_backend() == "cpu" else 64
     lanes = {
-        "rough": 1 if workers > 1 else min(plan.lanes or usual, runs),
-        "refined": 1 if workers > 1 else min(plan.look_ahead, runs),
+        grid: 1 if workers > 1 else min(plan.look_ahead if grid == "refined" else plan.lanes or usual, runs)
+        for grid in sizes
     }
     models = sum(size.memory(lanes[grid]) for grid, size in sizes.items())
     # The controller builds both grids too, to see that they fit.
@@ -199,11 +199,16 @@ def check_coefficients(campaign: Campaign, modes: int) -> None:
         campaign: the campaign.
         modes: coefficients of a sample.
     """
-    runs = campaign.estimator.rough_runs(sampling_of(campaign))
+    runs = _first_runs(campaign)
     # The design, a copy while it is made, and the controller's own.
     needed = 12.0 * runs * modes + PROCESS
     what = f"{runs} samples of {modes} coefficients"
     _refuse_beyond_memory(needed, what, "give fewer samples, longer correlation lengths or less energy")
+
+
+def _first_runs(campaign: Campaign) -> int:
+    """Runs on the campaign's first grid."""
+    return campaign.plan.samples if campaign.coarse else campaign.estimator.rough_runs(sampling_of(campaign))
 
 
 def _refuse_beyond_memory(needed: float, what: str, remedy: str) -> None:
@@ -237,7 +242,7 @@ class Cost:
     """What a campaign takes on this machine.
 
     Args:
-        sizes: of both grids, by name.
+        sizes: of the grids, by name.
         runs: how many there are of each, at most on the refined grid.
         step: seconds of one step of a run on each.
     """
@@ -252,12 +257,12 @@ class Cost:
 
     @property
     def memory(self) -> float:
-        """Bytes of both grids with one lane each."""
+        """Bytes of the grids with one lane each."""
         return sum(size.memory(1) for size in self.sizes.values())
 
 
 def cost_of(campaign: Campaign, seconds: float = 10.0) -> Cost:
-    """Try a run of each grid for half of `seconds`, compiling not counted.
+    """Try a run of each grid for its part of `seconds`, compiling not counted.
 
     Args:
         campaign: the campaign.
@@ -268,11 +273,15 @@ def cost_of(campaign: Campaign, seconds: float = 10.0) -> Cost:
     """
     rough, soil = campaign.estimator.rough_runs(sampling_of(campaign)), random_soil(campaign)
     budget = campaign.estimator.budget(rough)
-    models = {grid: build(campaign, grid, soil, at_rest=False) for grid in GRIDS}
+    models = {grid: build(campaign, grid, soil, at_rest=False) for grid in campaign.grids}
     return Cost(
-        sizes={grid: grid_size(campaign, grid) for grid in GRIDS},
-        runs={"rough": rough, "refined": rough if budget is None else min(budget, rough)},
-        step={grid: seconds_per_step(model, seconds / len(GRIDS)) for grid, model in models.items()},
+        sizes={grid: grid_size(campaign, grid) for grid in models},
+        runs={
+            "coarse": campaign.plan.samples,
+            "rough": rough,
+            "refined": rough if budget is None else min(budget, rough),
+        },
+        step={grid: seconds_per_step(model, seconds / len(models)) for grid, model in models.items()},
     )
 
 

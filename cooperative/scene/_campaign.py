@@ -45,6 +45,7 @@ class Plan:
 
     Args:
         samples: of the first phase.
+        rough_samples: of these, how many run on the rough grid, drawn by the coarse one; None where all do.
         seed: of their coefficients.
         coefficients: (key, samples, terms) -> (samples, terms), `kl.latin_hypercube`, `monte_carlo` or `sobol`.
         lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
@@ -63,6 +64,7 @@ class Plan:
     """
 
     samples: int
+    rough_samples: int | None = None
     seed: int = 0
     coefficients: Callable[[Array, int, int], ArrayLike] = kl.latin_hypercube
     lanes: int | None = None
@@ -127,6 +129,8 @@ class Campaign:
             `FrictionalSoil`, or a frozen dataclass of one's own that meets `jaxmpm.soil.AnySoil`.
         rough: discretisation of the rough grid; single precision unless it has a `dtype`.
         refined: discretisation of the refined grid, likewise.
+        coarse: discretisation of a grid coarser than the rough one, on which all samples run first, likewise; None for
+            none.
         plan: samples, seed, and what the campaign does.
         random: what varies, by parameter of the soil.
         cross_correlation: of what varies, None without.
@@ -153,6 +157,7 @@ class Campaign:
     run: Run = Run()
     estimator: Estimator = TwoPhase()
     hazard: Hazard | None = None
+    coarse: Discretisation | None = None
     name: str = "campaign"
     measured: Measured = Measured()
     raised: Budget | None = None
@@ -162,9 +167,9 @@ class Campaign:
         """Put the ground into a site, means into the soil, a limit load into the run, and check what goes together."""
         if not isinstance(self.ground, Site | Given):
             object.__setattr__(self, "ground", Site(self.ground))
-        for grid in ("rough", "refined"):
-            if getattr(self, grid).dtype is None:
-                object.__setattr__(self, grid, replace(getattr(self, grid), dtype="float32"))
+        for grid, numerics in self.grids.items():
+            if numerics.dtype is None:
+                object.__setattr__(self, grid, replace(numerics, dtype="float32"))
         object.__setattr__(self, "random", MappingProxyType(dict(self.random)))
         if self.measured.limit_load is not None:
             object.__setattr__(self, "run", self.run.failing_at(self.measured.limit_load))
@@ -197,8 +202,9 @@ class Campaign:
 
     @property
     def grids(self) -> Mapping[str, Discretisation]:
-        """Discretisation of "rough" and "refined"."""
-        return {"rough": self.rough, "refined": self.refined}
+        """Discretisation of "rough" and "refined", and of "coarse" before them where there is such a grid."""
+        coarse = {} if self.coarse is None else {"coarse": self.coarse}
+        return {**coarse, "rough": self.rough, "refined": self.refined}
 
     @property
     def dimension(self) -> int:
@@ -264,6 +270,16 @@ def check_campaign(campaign: Campaign) -> None:
         check_cross_correlation(campaign.cross_correlation, campaign.random)
     _check_boreholes(campaign)
     check_failure(campaign)
+    if (campaign.coarse is None) != (plan.rough_samples is None):
+        raise ValueError(
+            f"rough_samples = {plan.rough_samples} {'without' if campaign.coarse is None else 'beside'} a coarse grid: "
+            "give both, or neither"
+        )
+    if campaign.coarse is not None and campaign.coarse.cell <= campaign.rough.cell:
+        raise ValueError(
+            f"the coarse grid has cells of {campaign.coarse.cell:g} m, the rough one of {campaign.rough.cell:g} m: "
+            "give [coarse] larger cells"
+        )
     if plan.screening_stop is not None and "rough" in plan.modes:
         raise ValueError(
             f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "
@@ -316,7 +332,9 @@ def check_failure(campaign: Campaign) -> None:
     """Raise ValueError for an estimator or a screening that does not go with the failure displacement."""
     plan, run = campaign.plan, campaign.run
     if not isinstance(campaign.estimator, Given):
-        campaign.estimator.check(Sampling(plan.samples, run.failure_displacement, plan.screening_stop))
+        campaign.estimator.check(
+            Sampling(plan.samples, run.failure_displacement, plan.screening_stop, rough_samples=plan.rough_samples)
+        )
     if run.failure == "limit load" and campaign.measured.limit_load is None:
         return  # not known yet
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:

@@ -26,7 +26,7 @@ import jax
 
 from cooperative.scene._campaign import Campaign
 from cooperative.scene.tables import Calibration, LimitLoad, Measured
-from cooperative.store import write_aside
+from cooperative.store import GRIDS, write_aside
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 from jaxmpm.run import FactorOfSafety
 
@@ -93,10 +93,10 @@ def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibrat
     run = campaign.run
     factors = {
         grid: factor_of_safety(
-            *unshaken(model), failure_displacement=run.failure_displacement, t_end=run.t_end, batch=_factors_at_once(),
-            settle=run.settle, least_volume=run.least_volume,
+            *unshaken(grids[grid]), failure_displacement=run.failure_displacement, t_end=run.t_end,
+            batch=_factors_at_once(), settle=run.settle, least_volume=run.least_volume,
         ).stable
-        for grid, model in grids.items()
+        for grid in GRIDS
     }  # fmt: skip
     return Calibration(**factors)
 

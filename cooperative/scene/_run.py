@@ -70,7 +70,7 @@ class Run:
 
     def last(self, grid: str) -> float:
         """Time (s) at which a run of a grid ends at the latest."""
-        return self.t_end if grid == "rough" or self.slides_t_end is None else self.slides_t_end
+        return self.slides_t_end if grid == "refined" and self.slides_t_end is not None else self.t_end
 
     def settles(self, stop_at: float | None, softens: bool) -> Settle | None:
         """When a run has settled, by `early` too where that holds; None for never.

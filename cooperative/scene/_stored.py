@@ -124,7 +124,10 @@ def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -
 
     stored: those that the folder allows already.
     """
-    first = Sampling(campaign.plan.samples, campaign.run.failure_displacement, campaign.plan.screening_stop)
+    plan = campaign.plan
+    first = Sampling(
+        plan.samples, campaign.run.failure_displacement, plan.screening_stop, rough_samples=plan.rough_samples
+    )
     scene = campaign.estimator.budget(campaign.estimator.rough_runs(first))
     if scene is None:
         raise ValueError(

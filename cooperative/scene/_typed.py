@@ -88,6 +88,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         soil=soil,
         random=random,
         cross_correlation=None if together is None else CrossCorrelation(**dict(together)),
+        coarse=None if scene.coarse is None else _grid(scene.coarse, site, soil),
         rough=_grid(scene.rough, site, soil),
         refined=_grid(scene.refined, site, soil),
         run=run_of(scene.run, motion_of(scene, len(site.shape.corner))),
@@ -214,7 +215,8 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     if table.cut == "free" and table.polygon is None:
         raise ValueError("[terrain] cut = 'free' has no say without a polygon, a depth is always fixed: leave it out")
-    surface, cells = cast(Raster, table.surface), (scene.rough.cell, scene.refined.cell)
+    surface = cast(Raster, table.surface)
+    cells = tuple(grid.cell for grid in (scene.coarse, scene.rough, scene.refined) if grid is not None)
     if table.origin is None:
         ask_for_origin(surface)
     x, y = (given or between_cells(ends, cells) for given, ends in zip((table.x, table.y), surface.ends, strict=True))

@@ -56,6 +56,8 @@ def variants(scene: Source | str | Path) -> list[Variant]:
     campaign = parse(variant(BASE).source)
     if campaign.plan.coefficients is not kl.latin_hypercube:
         raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
+    if campaign.coarse is not None:
+        raise ValueError("[sweep] compares campaigns sample by sample, and [coarse] draws others in each: leave it out")
     estimator, first = campaign.estimator, Sampling(campaign.plan.samples, campaign.run.failure_displacement)
     if estimator.rough_runs(first) != campaign.plan.samples:
         name = estimator.name

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cooperative.store._opened import package_versions
-from cooperative.store._samples import GRIDS, SLIDES, Record, Rows, Sample, Store, rows_of
+from cooperative.store._samples import COARSE, GRIDS, SLIDES, Record, Rows, Sample, Store, rows_of
 from foundation import files, hdf5
 from foundation.files import DamagedFile, set_aside
 from foundation.hdf5 import Scalar
@@ -57,7 +57,7 @@ def sample_path(store: Store, grid: str, number: int) -> Path:
     Raises:
         ValueError: an unknown grid or a negative number.
     """
-    if grid not in (*GRIDS, SLIDES):
+    if grid not in (COARSE, *GRIDS, SLIDES):
         raise ValueError(f"grid {shown(grid)} is unknown: give one of {', '.join(GRIDS)}")
     if number < 0:
         raise ValueError(f"sample number {number} is negative: numbers start at 0")

@@ -11,7 +11,7 @@ import platform
 import socket
 import sys
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from datetime import date
 from functools import cache
 from importlib.metadata import version
@@ -27,13 +27,16 @@ README = "README.txt"
 """Made from `_readme.txt`, which describes each file by its content, whichever of them there are."""
 
 
-def open_store(folder: str | Path, source: Source | str, *, verify: bool = False) -> Store:
+def open_store(
+    folder: str | Path, source: Source | str, *, verify: bool = False, grids: Collection[str] = GRIDS
+) -> Store:
     """Open the campaign folder for the one controller, made if it is not there.
 
     Args:
         folder: of the campaign.
         source: what the campaign is made from, or a scene's text alone.
         verify: read and verify every sample's file anew, those too that have not changed since they were verified.
+        grids: of the campaign.
 
     Raises:
         ValueError: the folder cannot be written, holds something else or a campaign of another scene (naming what
@@ -61,7 +64,7 @@ def open_store(folder: str | Path, source: Source | str, *, verify: bool = False
         if there is None:
             source.write(folder)
         _write_readme(folder, source)
-        for directory in (folder / "samples", *(folder / "samples" / grid for grid in (*GRIDS, SLIDES))):
+        for directory in (folder / "samples", *(folder / "samples" / grid for grid in (*grids, SLIDES))):
             files.claimed_folder(directory)
             for leftover in directory.glob(".*.part"):
                 leftover.unlink()

@@ -14,6 +14,8 @@ from cooperative.store._source import Source
 from foundation.hdf5 import Scalar
 
 GRIDS = ("rough", "refined")
+COARSE = "coarse"
+"""A grid before the rough one, which a campaign may have: it chooses the samples of that one."""
 SLIDES = "slides"
 """Beside the grids: refined runs that went on from where they had failed to the end of their slide."""
 

@@ -153,6 +153,12 @@ class Campaign(Table):
     samples: Annotated[int, Ge(1)] = key(
         "Number of random slopes.", 200, synonyms="n count number runs realisations realizations"
     )
+    rough_samples: Annotated[int, Ge(1)] | None = key(
+        "Number of samples that run on the rough grid where the scene has a coarse one, on which all run.",
+        100,
+        None,
+        otherwise="all samples; with `[coarse]`: none, give it",
+    )
     seed: Annotated[int, Ge(0)] = key("Number from which all randomness follows.", 1, 0)
     coefficients: Annotated[Callable[..., object], one_of(COEFFICIENTS)] = key(
         "How coefficients of the field are drawn.", "latin hypercube", "latin hypercube"

@@ -51,6 +51,11 @@ class Scene(Table):
     cross_correlation: CrossCorrelation | None = None
     rough: Grid
     refined: Grid = Field(description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`.")
+    coarse: Grid | None = Field(
+        None,
+        description="A grid coarser than the rough one, on which all samples run first. By their displacement there, "
+        "the campaign draws the `rough_samples` that run on the rough grid. Keys as in `[rough]`.",
+    )
     run: Run = Field(default_factory=Run)
     motion: Motion | None = None
     campaign: Campaign
@@ -85,6 +90,14 @@ class Scene(Table):
                 ": [soil] gap_memory has no say in soil without tension_cutoff, which opens no gap: leave it out, or "
                 "give tension_cutoff"
             )
+        return self
+
+    @validates(mode="after")
+    def _coarse_grid(self) -> Self:
+        """A coarse grid and the number of samples that go on from it are given together."""
+        if (self.coarse is None) != (self.campaign.rough_samples is None):
+            given, lacks = ("[coarse]", "[campaign] rough_samples") if self.coarse else ("rough_samples", "[coarse]")
+            raise ValueError(f": {given} is given without {lacks}: give both, or neither")
         return self
 
     @property

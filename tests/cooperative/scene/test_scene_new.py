@@ -73,7 +73,7 @@ def test_check_says_what_a_scene_costs(tmp_path, capsys):
         size = grid_size(campaign, grid)
         assert f"{size.particles:,.0f} particles, {size.nodes:,.0f} nodes" in printed
         assert f"runs of {size.steps:,.0f} steps" in printed
-    for name in ("fill", "clay", "gneiss, rock", "hours of one core", "GB for both grids"):
+    for name in ("fill", "clay", "gneiss, rock", "hours of one core", "GB for all grids"):
         assert name in printed
     assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0"]) == 2
     assert "give more than 0" in capsys.readouterr().err
