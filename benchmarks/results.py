@@ -45,6 +45,7 @@ SHORT = {
     "leave_out": "speed",
     "fields": "accuracy",
     "estimators": "statistics",
+    "nested": "statistics",
     "hazard": "statistics",
     "gradients": "speed",
     "rare_events": "statistics",

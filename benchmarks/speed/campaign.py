@@ -3,7 +3,9 @@
 The published slope in 3D with the published particle counts (`hours_to_cov_10`), and with the settings that a scene has
 by default (`hours_to_cov_10_default`): set-up, screening, and an audit that asks for classes alone, one worker to a
 core. Then as many failures of the first as consequences and modes want slide on to their end (`hours_slides`).
-`share_of_time` is that of the published slope, slides included. `--quick` does all of it with the section.
+`share_of_time` is that of the published slope, slides included. `expected_hours_to_cov_10` and its default counterpart
+are not of this one draw: the seconds of its runs, of as many refined ones as half of the campaigns of `estimators`
+take, and its set-up. `--quick` does all of it with the section.
 
 Folders and seconds stand in out/campaign. What is stopped goes on with the next command, and the seconds of all its
 lives count, lost runs included; what is not reached yet is null. Each state of the code has folders of its own: the
@@ -26,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import ROOT, Report, code_digest
+from benchmarks.speed.class_runs import refined_runs_needed
 from cooperative import campaign
 from cooperative.reporting import progress_of
 from cooperative.runs import Stopped, cores_to_use, stop_by_signals
@@ -167,6 +170,7 @@ def _outcome(store: Store, seconds: Mapping[str, float], workers: int) -> dict[s
         "interval": list(result.interval),
         "cov": float(result.cov),
         **{f"median_{grid}_s": float(np.median(rows[grid].columns["seconds"])) for grid in GRIDS},
+        **{f"mean_{grid}_s": float(np.mean(rows[grid].columns["seconds"])) for grid in GRIDS},
         "hours": sum(seconds.values()) / 3600,
         "workers": workers,
     }
@@ -180,7 +184,20 @@ def report(result: Mapping[str, Mapping[str, Any]]) -> Report:
     published = result.get("hours_to_cov_10")
     values["refined_runs"] = None if published is None else published["refined_runs"]
     values["share_of_time"] = None if published is None else _shares(result)
+    values |= expected_hours(result)
     return Report(values, [dict(figures) for figures in result.values()])
+
+
+def expected_hours(result: Mapping[str, Mapping[str, Any]]) -> dict[str, float | None]:
+    """Hours to the target by the seconds of these runs and the median number of refined runs; null for no result."""
+    values: dict[str, float | None] = {}
+    for end, runs in refined_runs_needed().items():
+        done = result.get(f"hours_to_cov_10{end}")
+        values[f"expected_hours_to_cov_10{end}"] = None
+        if done is not None:
+            of_runs = done["samples"] * done["mean_rough_s"] + runs * done["mean_refined_s"]
+            values[f"expected_hours_to_cov_10{end}"] = (of_runs / done["workers"] + done["seconds"]["set-up"]) / 3600
+    return values
 
 
 def _shares(result: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:

@@ -65,15 +65,20 @@ def run(quick: bool) -> Report:
 
 def expected_hours(core_seconds: Mapping[str, float]) -> dict[str, float]:
     """Hours of a campaign to a coefficient of variation of 10 per cent, by the core seconds of its runs."""
-    counts = json.loads((FOLDER / "estimators.json").read_text())["values"]
     return {
         f"expected_hours_to_cov_10{end}": (
             PLANNED * core_seconds[f"rough_core_seconds{end}"]
-            + counts[count] * core_seconds[f"refined_class_core_seconds{end}"]
+            + count * core_seconds[f"refined_class_core_seconds{end}"]
         )
         / (3600 * CORES)
-        for end, count in HOURS.items()
+        for end, count in refined_runs_needed().items()
     }
+
+
+def refined_runs_needed() -> dict[str, int]:
+    """Refined runs of half of the campaigns of `estimators`, by the ending of the settings' names."""
+    counts = json.loads((FOLDER / "estimators.json").read_text())["values"]
+    return {end: int(counts[count]) for end, count in HOURS.items()}
 
 
 def times(case: str, result: Mapping[str, Mapping[int, Run]]) -> tuple[float, float]:
