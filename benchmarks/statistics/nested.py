@@ -144,7 +144,7 @@ GRIDS = ("coarse_core_seconds", "rough_core_seconds", "refined_class_core_second
 
 def run(quick: bool) -> Report:
     """Measure the coarse grid, and repeat every case 500 times (20 if quick)."""
-    found = {}
+    found: dict[str, float] = {}
     for end in SCENES:
         answer = on_cores(1, "benchmarks.statistics.nested", end, "12" if quick else "200")
         found |= {f"{name}{end}": value for name, value in answer.items()}
