@@ -108,7 +108,6 @@ class Summary:
         refined_runs: on the refined grid.
         failures_refined: on the refined grid.
         slides: failures that slid on to their end.
-        coarse_samples: on the coarse grid, of which those on the rough grid were drawn; None without such a grid.
         slides_drawn: that there are in the end, as far as is known.
         calibration: as measured before the first run, None where the scene has none.
         limit_load: as measured before the first run, None where the scene has none.
@@ -135,6 +134,7 @@ class Summary:
         slide_weights: by sample, what each slide stands for.
         stands_for: by sample, what each refined run stands for.
         annual_frequency: how often a year the scene's trigger comes, None where the scene does not give it.
+        coarse_samples: on the coarse grid, of which those on the rough grid were drawn; None without such a grid.
     """
 
     name: str

@@ -41,7 +41,13 @@ def test_a_key_counts_as_explained_in_its_own_section_alone(tmp_path, monkeypatc
         before = before.replace(row, row[1:])
     (tmp_path / "docs" / "scenes.md").write_text(f"{before}## `[sweep]`{sweep.replace('| `cov` |', '| cov |')}")
     monkeypatch.setattr(docs, "ROOT", tmp_path)
-    assert docs.undocumented_keys() == ["[water] depth", "[rough] cell", "[refined] cell", "[sweep] cov"]
+    assert docs.undocumented_keys() == [
+        "[water] depth",
+        "[rough] cell",
+        "[refined] cell",
+        "[coarse] cell",
+        "[sweep] cov",
+    ]
 
 
 def test_scene_in_the_readme_is_the_demos():
