@@ -25,6 +25,7 @@ from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
+from jaxmpm.setup import check_discretisation
 from jaxmpm.soil import AnySoil
 
 V = TypeVar("V")
@@ -228,6 +229,15 @@ def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:
     own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()
     missing = {name: varies.mean for name, varies in random.items() if name in own and getattr(soil, name) is None}
     return replace(soil, **missing) if missing else soil
+
+
+def check_grids(campaign: Campaign) -> None:
+    """Check both discretisations; ValueError names the grid."""
+    for name, grid in campaign.grids.items():
+        try:
+            check_discretisation(grid, campaign.dimension)
+        except ValueError as error:
+            raise ValueError(f"[{name}] {error}") from error
 
 
 def check_campaign(campaign: Campaign) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.measure import ElementAtRisk
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_grids
 from cooperative.scene._contact import interface_of, on_soil
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
@@ -97,6 +97,8 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         hazard=_hazard(scene),
         measured=tables.Measured(terms, scene.calibration, scene.limit_load),
     )
+    if not source.begun:
+        check_grids(campaign)
     return campaign.made_from(source)
 
 

@@ -18,6 +18,8 @@ from jaxmpm.types import Scheme
 
 RESOLVED = 1e-3
 """Required precision of a particle's position, as a share of its size."""
+USL_CFL = 0.72
+"""Largest stable CFL number of USL, of one particle a cell; USF and MUSL are stable beyond 1 (benchmarks/stability)."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Discretisation:
         kernel: class of the shape functions: GIMP (domain of one spacing), Linear, QuadraticBSpline or a user's own,
             see `Kernel`.
         scheme: when the stress is updated.
-        cfl: dt = cfl cell / (c + speed), c the elastic wave speed.
+        cfl: dt = cfl cell / (c + speed), c the elastic wave speed; below 1, with USL at most 0.72.
         flip: share of FLIP; 1 is pure FLIP.
         pic_damping: with flip = 1, rate (1/s) at which velocities decay that particles have and the grid does not
             resolve. The share of PIC in a step is 1 - exp(-pic_damping dt). So it does not grow with the number of
@@ -164,6 +166,11 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
     if not isinstance(discretisation.scheme, Scheme):
         raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
     check.between("cfl", discretisation.cfl, 0.0, 1.0)
+    if discretisation.scheme is Scheme.USL and discretisation.cfl > USL_CFL:
+        raise ValueError(
+            f"cfl = {discretisation.cfl:g} with scheme = USL, which is stable up to {USL_CFL:g}: give at most that, or "
+            "take MUSL"
+        )
     check.between("flip", discretisation.flip, 0.0, 1.0, ends=True)
     check.not_negative("pic_damping", discretisation.pic_damping, "1/s")
     if discretisation.pic_damping and discretisation.flip != 1:

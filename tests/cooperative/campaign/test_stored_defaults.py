@@ -32,6 +32,14 @@ def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
     assert (tmp_path / "scene.toml").read_text() == TINY
 
 
+def test_a_folder_begun_with_a_step_that_is_refused_now_still_opens(tmp_path):
+    for name, cfl in (("first", 0.5), ("later", 0.9)):
+        (tmp_path / name).mkdir()
+        defaults = "" if name == "first" else "\n[defaults]\ncfl = 0.9\n"
+        (tmp_path / name / "scene.toml").write_text(TINY.replace("[rough]", '[rough]\nscheme = "usl"') + defaults)
+        assert campaign_of(read_store(tmp_path / name)).rough.cfl == cfl
+
+
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     source = settled(TINY, tmp_path)
     assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True}}

@@ -120,6 +120,7 @@ BAD_SLOPES = [
     ("walls", SLOPE, {}, {"cell": 1.8}, "length = 96 m is no whole multiple of cell = 1.8 m"),
     ("axes", SLOPE, {}, {"spacing": (1.0, 1.0, 1.0)}, "spacing = .* has 3 values: give 2"),
     ("cfl", SLOPE, {}, {"cfl": 1.5}, "cfl = 1.5"),
+    ("cfl of USL", SLOPE, {}, {"cfl": 0.73, "scheme": mpm.Scheme.USL}, "cfl = 0.73 with scheme = USL, .* up to 0.72"),
     ("flip", SLOPE, {}, {"flip": 1.5}, "flip = 1.5"),
     ("damping", SLOPE, {}, {"damping": -1.0}, "damping = -1"),
     ("air", SLOPE, {}, {"air": 0.0}, "air = 0 m"),
