@@ -1,7 +1,8 @@
 """A site from its files: soundings and laboratory values to layers, estimates with intervals, and a part of a scene."""
 
 from cooperative.site._arguments import add_arguments, answer
-from cooperative.site._estimate import Assumed, SiteEstimate, SiteLayerFit, estimate_site
+from cooperative.site._assumed import Assumed
+from cooperative.site._estimate import SiteEstimate, SiteLayerFit, estimate_site
 from cooperative.site._write import words, write_site
 
 __all__ = [

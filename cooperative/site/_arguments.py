@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from cooperative.scene.tables import CORRELATIONS
-from cooperative.site._estimate import Assumed, cone_factor, estimate_site
+from cooperative.site._assumed import Assumed
+from cooperative.site._estimate import estimate_site
 from cooperative.site._write import words, write_site
+from cooperative.soundings import SiteError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,3 +65,22 @@ def answer(given: argparse.Namespace) -> list[str]:
     )  # fmt: skip
     site = estimate_site(given.files, assumed, boundaries=given.layers, units=units)
     return [words(site), *map(str, write_site(site, given.out, given.surface))]
+
+
+def cone_factor(given: Sequence[float] | None) -> tuple[float, float] | None:
+    """A cone factor N_kt with its standard deviation, 0 where one number is given; None for none.
+
+    Args:
+        given: one or two numbers.
+
+    Raises:
+        SiteError: others, or a deviation that no cone factor has.
+    """
+    if given is None:
+        return None
+    if len(given) > 2 or (len(given) == 2 and not 0 <= given[1] < given[0] / 2):
+        raise SiteError(
+            f"N_kt = {' '.join(f'{each:g}' for each in given)}: give its mean, such as 14, or mean and standard "
+            "deviation, such as 14 2"
+        )
+    return float(given[0]), float(given[1]) if len(given) == 2 else 0.0

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.scene.tables import CORRELATIONS, MARGINALS
+from cooperative.site._assumed import Assumed
 from cooperative.soundings import (
     FRICTION,
     STRENGTH,
@@ -18,7 +19,6 @@ from cooperative.soundings import (
     ProposedLayer,
     SiteError,
     Sounding,
-    Stresses,
     Values,
     corrected_cone,
     extent_of,
@@ -30,6 +30,8 @@ from cooperative.soundings import (
     strength_of,
     thinned,
 )
+from foundation import check
+from jaxmpm.soil import soil_limits
 from kl.estimation import FieldFit, Interval, fit_field, interval_of
 
 UNDRAINED = ("clay", "peat")
@@ -42,68 +44,6 @@ CLOSEST = 0.1
 """Least distance (m) of readings that are used."""
 LEAST_ERROR = 0.1
 """Deviation of the conditioning values over that of the field, at least: a field of finitely many terms needs some."""
-
-
-@dataclass(frozen=True)
-class Assumed:
-    """What the interpretation rests on beside the files.
-
-    Args:
-        n_kt: cone factor of undrained strength and its standard deviation, None where none is given.
-        unit_weight: of the soil with its water (N/m3).
-        water: depth of the water table (m) where a file has none.
-        marginal: of the parameters, by its name in scenes: "lognormal" or "normal".
-        correlation: family along every axis, by its name in scenes.
-        line: start and end [x, y] (m) of a section; positions are projected on it. None for 3D.
-        origin: position [x, y] (m) that is subtracted in 3D.
-        base: elevation (m) of the base of the scene, below which no value conditions the field; None for none.
-    """
-
-    n_kt: tuple[float, float] | None = None
-    unit_weight: float = 18e3
-    water: float = 1.0
-    marginal: str = "lognormal"
-    correlation: str = "exponential"
-    line: tuple[tuple[float, float], tuple[float, float]] | None = None
-    origin: tuple[float, float] = (0.0, 0.0)
-    base: float | None = None
-
-    @property
-    def stresses(self) -> Stresses:
-        """What the ground is taken to weigh."""
-        return Stresses(self.unit_weight, self.water)
-
-    def placed(self, x: Values, y: Values) -> Values:
-        """Horizontal coordinates (1 or 2, n) m of the scene, of positions (n,) in the files.
-
-        Args:
-            x: (n,) m.
-            y: (n,) m, nan where the file has none.
-        """
-        if self.line is None:
-            return x[None] if np.isnan(y).all() else np.stack([x, y]) - np.array(self.origin)[:, None]
-        start, end = np.array(self.line)
-        along = (end - start) / np.linalg.norm(end - start)
-        return ((np.stack([x, y]) - start[:, None]) * along[:, None]).sum(axis=0)[None]
-
-
-def cone_factor(given: Sequence[float] | None) -> tuple[float, float] | None:
-    """A cone factor N_kt with its standard deviation, 0 where one number is given; None for none.
-
-    Args:
-        given: one or two numbers.
-
-    Raises:
-        SiteError: others, or a deviation that no cone factor has.
-    """
-    if given is None:
-        return None
-    if len(given) > 2 or (len(given) == 2 and not 0 <= given[1] < given[0] / 2):
-        raise SiteError(
-            f"N_kt = {' '.join(f'{each:g}' for each in given)}: give its mean, such as 14, or mean and standard "
-            "deviation, such as 14 2"
-        )
-    return float(given[0]), float(given[1]) if len(given) == 2 else 0.0
 
 
 @dataclass(frozen=True)
@@ -166,7 +106,7 @@ class SiteEstimate:
 
 def estimate_site(
     paths: Sequence[Path | str],
-    assumed: Assumed = Assumed(),
+    assumed: Assumed | None = None,
     *,
     boundaries: Sequence[float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -175,16 +115,23 @@ def estimate_site(
 
     Args:
         paths: soundings (.gef, .xml, .ags, .csv) and laboratory values (.ags, .csv).
-        assumed: what the interpretation rests on beside them.
+        assumed: what the interpretation rests on beside them; None for its defaults.
         boundaries: elevations (m) between layers from the top down, in place of those proposed; none for one layer.
         units: of columns of CSV files whose header has none.
 
     Raises:
         ValueError: files that cannot be used, clay without a cone factor, or layers with too few values.
     """
+    assumed = assumed or Assumed()
     soundings, measured = read_files([Path(each) for each in paths], units)
     require_elevations(soundings)
     layers = _layers(soundings, measured, assumed, boundaries)
+    for each in measured:
+        if beyond := int(((each.z >= layers[0].top) | (each.z < layers[-1].bottom)).sum()):
+            check.warn(
+                f"{each.file}: {beyond} values of {each.parameter} are left out, which lie above or below the layers, "
+                f"{layers[0].top:g} to {layers[-1].bottom:g} m"
+            )
     fits = [_fit(number, layer, soundings, measured, assumed) for number, layer in enumerate(layers, 1)]
     return SiteEstimate(tuple(soundings), tuple(measured), tuple(fits), assumed)
 
@@ -324,11 +271,27 @@ def _remarks(
         bare = [each.name for each in soundings if each.area_ratio is None or not np.isfinite(each.pore).any()]
         if bare and parameter == "strength":
             yield f"q_c in place of q_t, without u_2 or area ratio: {', '.join(bare)}"
-        readings = sum(int(((each.z < layer.top) & (each.z >= layer.bottom)).sum()) for each in soundings)
+        inside = [(each.z < layer.top) & (each.z >= layer.bottom) for each in soundings]
+        bad = [np.isfinite(each.cone) & np.isnan(_parameter(each, parameter, assumed)) for each in soundings]
+        if nothing := sum(int((one & other).sum()) for one, other in zip(inside, bad, strict=True)):
+            yield f"{nothing} readings that give no {parameter} above 0 are left out: check N_kt, unit weight and water"
+        readings = sum(int(each.sum()) for each in inside)
         if count < readings:
             yield f"{count} of {readings} readings used, thinned, none averaged or filled in"
-    lab = [each for each in measured if each.parameter == parameter]
-    within = [each.value[(each.z < layer.top) & (each.z >= layer.bottom)] for each in lab]
-    inside = np.concatenate([np.empty(0), *within])
-    if soundings and inside.size:
-        yield f"{inside.size} laboratory values, mean {inside.mean():.4g}, not part of the estimate: compare N_kt"
+    for name in dict.fromkeys(each.parameter for each in measured):
+        own = [each for each in measured if each.parameter == name]
+        values = np.concatenate([each.value[(each.z < layer.top) & (each.z >= layer.bottom)] for each in own])
+        if values.size and (soundings or name != parameter):
+            found = f"{values.size} laboratory values of {name}, mean {values.mean():.4g} {soil_limits()[name].unit}"
+            yield f"{found}, not part of the estimate: {_unused(name, parameter)}"
+
+
+def _unused(name: str, parameter: str) -> str:
+    """Why laboratory values are not used in a layer of strength or friction, and what to do."""
+    if name == parameter:
+        return "compare N_kt" if name == "strength" else "compare"
+    if name == "unit_weight":
+        return "the weight is that of --unit-weight"
+    if name == "young" or (name, parameter) == ("cohesion", "friction"):
+        return "site.toml has a guess, replace it"
+    return f"the layer has {parameter} in its place"

@@ -13,7 +13,8 @@ from pathlib import Path
 from cooperative.reporting import save
 from cooperative.scene import toml_value
 from cooperative.scene.tables import CORRELATIONS
-from cooperative.site._estimate import Assumed, SiteEstimate, SiteLayerFit, marginal_of
+from cooperative.site._assumed import Assumed
+from cooperative.site._estimate import SiteEstimate, SiteLayerFit, marginal_of
 from cooperative.site._figure import site_figure
 from cooperative.site._scene import scene_lines
 from foundation.files import write_aside
@@ -95,7 +96,7 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
             yield f"trend_from = {layer.top:.2f}"
         yield from (f"# {name} length: {why}" for name, why in fit.unknown.items())
         horizontal, others = _horizontal(layer, site.assumed)
-        if others is not None:
+        if len(others) > 1:
             yield f"# Sweep the horizontal length over {others}."
         lengths = [horizontal] * (len(layer.points) - 1) + [fit.vertical.value]
         yield f"length = [{', '.join(f'{each:.3g}' for each in lengths)}]"
@@ -105,20 +106,20 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
         yield f"borehole_error = {layer.error:.2g}"
 
 
-def _horizontal(layer: SiteLayerFit, assumed: Assumed) -> tuple[float, list[float] | None]:
+def _horizontal(layer: SiteLayerFit, assumed: Assumed) -> tuple[float, list[float]]:
     """The horizontal length (m) of a layer, and those to sweep where it is unknown.
 
     An interval bounds them; without one they are published scales of fluctuation.
     """
     known = layer.fit.horizontal
     if known is not None and "horizontal" not in layer.fit.unknown:
-        return known.value, None
+        return known.value, []
     least, mean, most = (scale / CORRELATIONS[assumed.correlation].fluctuation for scale in SCALES)
     if known is not None:
         least, most = max(least, known.low), min(most, known.high)
         least, most = (least, most) if least < most else (known.low, known.high)
         mean = min(max(mean, least), most)
-    return mean, [float(f"{each:.2g}") for each in (least, mean, most)]
+    return mean, list(dict.fromkeys(float(f"{each:.2g}") for each in (least, mean, most)))
 
 
 COLUMNS = ("layer", "top [m]", "bottom [m]", "parameter", "values", "quantity", "value", "low", "high", "remark")

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.soundings._sounding import UNITS, Measured, SiteError, Sounding, Values, checked, finite, in_si
+from foundation import check
 from foundation.extras import extra
 from foundation.text import shown
 
@@ -246,10 +247,17 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     z = table["z"] if "z" in table else table["top"] - table["depth"]
     if "x" not in table:
         raise SiteError(f"{path} has no column x [m]: add the position of each value")
+    y = table.get("y", gap)
+    placed = np.isfinite(table["x"]) & np.isfinite(z) & (np.isfinite(y) | np.isnan(y).all())
     measured: list[Measured] = []
     for name in given:
-        valid = np.isfinite(table[name]) & np.isfinite(z) & (table[name] > 0)
-        each = (table["x"], table.get("y", gap), z, table[name])
+        valid = placed & (table[name] > 0)
+        if dropped := sum(cell.strip() != "" for cell in cells[name]) - int(valid.sum()):
+            check.warn(
+                f"{path}: {dropped} values of {name} are left out, which have no position or are no number above 0: "
+                "correct them, or leave such cells empty"
+            )
+        each = (table["x"], y, z, table[name])
         measured.append(Measured(str(path), name, *(values[valid] for values in each)))
     return [], measured
 
@@ -283,12 +291,14 @@ def read_rows(path: Path) -> list[list[float]]:
 def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
     """Number of each known column in a row, and what its numbers are multiplied by."""
     columns: dict[str, tuple[int, float]] = {}
+    unknown: list[str] = []
     for column, cell in enumerate(header):
         match = _HEADER.fullmatch(cell)
         word, unit = (match.group(1), match.group(2)) if match else (cell, None)
         plain = word.strip().lower().replace(" ", "_")
         name = next((name for name, (_, words) in _COLUMNS.items() if plain == name or plain in words), None)
         if name is None:
+            unknown += [shown(cell)] if cell.strip() else []
             continue
         if name in columns:
             raise SiteError(f"{path} has two columns of {name}: {shown(cell)} is the second, leave one out")
@@ -301,6 +311,8 @@ def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[st
                 f"header, or give --units {plain}=UNIT with one of {known}"
             )
         columns[name] = column, in_si(f"{path}: column {shown(cell)}", unit, quantity) if quantity and unit else 1.0
+    if unknown:
+        check.warn(f"{path}: unknown columns are not read: {', '.join(unknown)}")
     return columns
 
 

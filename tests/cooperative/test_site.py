@@ -1,5 +1,7 @@
 """Site data: files to soundings, soundings to soil, soil to a scene whose samples honour what was measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from cooperative._commands import main
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.scene import parse
 from cooperative.site import Assumed, estimate_site, write_site
+from cooperative.site._write import _horizontal
 from cooperative.soundings import (
     Sounding,
     Stresses,
@@ -20,6 +23,7 @@ from cooperative.soundings import (
     read_rows,
     strength_of,
 )
+from kl.estimation import Interval
 from tests import ROOT
 from tests.scenes import tables, write_gef
 
@@ -209,6 +213,54 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
     beside = estimate_site([tmp_path / "cpt.csv"], Assumed(n_kt=(14.0, 0.0)), boundaries=[])
     with pytest.raises(ValueError, match=r"lies at x = 99 m, and .*hill.asc reaches from 1 to 33 m"):
         write_site(beside, tmp_path / "other", raster)
+
+
+def test_what_is_not_used_of_a_file_is_stated(tmp_path):
+    """Columns, values and readings that nothing rests on, each with its reason; no length to sweep stands twice."""
+    depths = 0.2 * np.arange(1, 16)
+    cones = np.where(depths > 2.9, 0.01, np.exp(0.1 * np.sin(7 * depths)))  # the last bears less than its overburden
+    rows = [f"5,3,{depth:.1f},{cone:.3f},2" for depth, cone in zip(depths, cones, strict=True)]
+    cpt = _csv(tmp_path / "cpt.csv", "x [m],top [m],depth [m],qc [MPa],Rf [%]\n" + "\n".join(rows))
+    lab = _csv(
+        tmp_path / "lab.csv",
+        "x [m],z [m],su [kPa],c [kPa],phi [deg],gamma [kN/m3],E50 [MPa]\n1,2,30,5,25,19,8\n1,1,nan,,,,\n1,-9,40,,,,\n",
+    )
+    with (
+        pytest.warns(UserWarning, match=r"cpt.csv: unknown columns are not read: 'Rf \[%\]'"),
+        pytest.warns(UserWarning, match="1 values of strength are left out, which have no position or are no number"),
+        pytest.warns(UserWarning, match="1 values of strength are left out, which lie above or below .* 3 to 0 m"),
+    ):
+        site = estimate_site([cpt, lab], Assumed(n_kt=(14.0, 0.0)), boundaries=[])
+    remarks = " ".join(site.layers[0].remarks)
+    assert "1 readings that give no strength above 0 are left out" in remarks
+    for found in (
+        "strength, mean 3e+04 Pa, not part of the estimate: compare N_kt",
+        "cohesion, mean 5000 Pa, not part of the estimate: the layer has strength in its place",
+        "friction, mean 25 degrees, not part of the estimate: the layer has strength in its place",
+        "unit_weight, mean 1.9e+04 N/m3, not part of the estimate: the weight is that of --unit-weight",
+        "young, mean 8e+06 Pa, not part of the estimate: site.toml has a guess, replace it",
+    ):
+        assert f"1 laboratory values of {found}" in remarks
+
+
+@pytest.mark.parametrize(
+    ("assumed", "message"),
+    [
+        ({"unit_weight": 18.0}, "unit_weight = 18 N/m3, below 3000 N/m3: were kN/m3"),
+        ({"unit_weight": -18e3}, "unit_weight = -18000 N/m3: give a finite value above 0"),
+        ({"water": np.nan}, "water = nan m: give a finite value"),
+        ({"line": ((1.0, 2.0), (1.0, 2.0))}, "starts and ends at one point: give two points"),
+    ],
+)
+def test_assumptions_that_no_ground_has_are_refused(assumed, message):
+    with pytest.raises(ValueError, match=message):
+        Assumed(**assumed)
+
+
+def test_lengths_to_sweep_differ(site):
+    """The published mean may lie outside the interval, whose end it then takes."""
+    fit = replace(site.layers[0].fit, horizontal=Interval(60.0, 30.0, 280.0, 1.0), unknown={"horizontal": "few"})
+    assert _horizontal(replace(site.layers[0], fit=fit), site.assumed) == (30.0, [30.0, 40.0])
 
 
 def test_command_needs_a_cone_factor_for_clay(tmp_path, capsys):
