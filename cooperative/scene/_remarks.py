@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -43,3 +44,19 @@ def remarks(campaign: Campaign) -> Iterator[str]:
                     f"; x = {shape.corner[0]:g} is the rear of the ground. No slide comes over it from above: it "
                     "counts as reached where its own ground slides away, with the thickness of that"
                 )
+    yield from _unresolved(campaign)
+
+
+def _unresolved(campaign: Campaign) -> Iterator[str]:
+    """Correlation lengths of less than two cells of the refined grid."""
+    cell = campaign.refined.cell
+    lengths: dict[str, float] = {}
+    for random in (campaign.random, *(layer.random for layer in campaign.site.layers)):
+        for name, varies in random.items():
+            lengths[name] = min(lengths.get(name, math.inf), *varies.length)
+    for name, length in lengths.items():
+        if length < 2 * cell * (1 - 1e-9):
+            yield (
+                f"{name} has a correlation length of {length:g} m, less than two cells of {cell:g} m of the refined "
+                f"grid, which does not resolve it: results change with the cell, give cells of at most {length / 2:g} m"
+            )

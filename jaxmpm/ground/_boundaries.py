@@ -183,9 +183,10 @@ def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, f
     for (x, z), short in ((points[0], points[0, 0] > ends[0]), (points[-1], points[-1, 0] < ends[1])):
         height = float(above(np.array([x]))[0])
         if short and abs(height - z) > touching:
+            side = "below" if z < height else "above"
             raise ValueError(
-                f"the {name} ends at ({x:g}, {z:g}) m in the ground, {height - z:g} m below the boundary above it: "
-                f"draw it on to the walls at x = {ends[0]:g} and {ends[1]:g} m, or to that one, to end its layer"
+                f"the {name} ends at ({x:g}, {z:g}) m, {abs(height - z):g} m {side} the boundary above it: draw it on "
+                f"to the walls at x = {ends[0]:g} and {ends[1]:g} m, or to that one, to end its layer"
             )
     return lambda x: np.where(
         (x < points[0, 0]) | (x > points[-1, 0]), above(x), np.interp(x, points[:, 0], points[:, 1])

@@ -49,6 +49,16 @@ def test_check_warns_of_a_road_on_the_crest(tmp_path, monkeypatch, capsys):
     assert "WARNING        road stands at the crest" in capsys.readouterr().out
 
 
+def test_a_correlation_length_of_less_than_two_cells_is_remarked():
+    [remark] = remarks(parse(DEMO.replace("length = [60.0, 2.0]", "length = [60.0, 1.9]")))
+    assert remark.startswith("strength has a correlation length of 1.9 m, less than two cells of 1 m of the refined gr")
+    assert remark.endswith("give cells of at most 0.95 m")
+    assert "length = [30.0, 2.0]" in EMBANKMENT
+    assert any(
+        "a correlation length of 0.1 m" in each for each in remarks(parse(EMBANKMENT.replace("30.0, 2.0", "3.0, 0.1")))
+    )
+
+
 def test_check_says_how_much_ground_a_slide_may_need_beyond_the_toe(tmp_path, capsys):
     scene = tmp_path / "short.toml"
     scene.write_text(DEMO.replace("toe = 48.0", "toe = 10.0"))

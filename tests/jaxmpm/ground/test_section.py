@@ -154,7 +154,8 @@ REFUSED = {
         layered([(0, 2), (20, 1)], [(0, 1), (20, 2)]),
         "bottom of layer 2 crosses the bottom of layer 1: at x = 20 m it is 1 m higher, at z = 2 m",
     ),
-    "ends in the ground": (FLAT, layered([(0, 2), (10, 2)]), r"ends at \(10, 2\) m in the ground, 3 m below"),
+    "ends in the ground": (FLAT, layered([(0, 2), (10, 2)]), r"ends at \(10, 2\) m, 3 m below the boundary above"),
+    "ends in the air": (FLAT, layered([(0, 4), (10, 6)]), r"ends at \(10, 6\) m, 1 m above the boundary above"),
     "thin": (
         FLAT,
         layered([(0, 2.4), (20, 2.4)], [(0, 2), (20, 2)]),
