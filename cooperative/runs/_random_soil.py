@@ -17,12 +17,15 @@ import numpy as np
 
 import kl
 from cooperative.scene import Campaign, CrossCorrelation, RandomField
+from foundation import check
 from kl.marginal import Marginal
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 """Lowest corner and edges (d,) m."""
 BESIDE = 0.5
 """Distance (m) beyond ground or layer up to which a borehole value is at its edge: elevations differ by survey."""
+UNLIKELY = 5.0
+"""Deviations of a borehole value from the median beyond which value and distribution hardly belong together."""
 ROUNDING = 2e-5
 """Of the share of the variance that modes hold, with eigenvalues in single precision on two machines."""
 REMEDY = "delete the folder's measured.json, or its field_modes.json, whose samples are then those of this machine"
@@ -310,8 +313,20 @@ def _conditioning(
             raise ValueError(
                 f"the borehole value {worst[-1]:g} at {worst[:-1].tolist()} m cannot occur in {field.distribution}"
             )
+        if (far := np.abs(score)).max() > UNLIKELY:
+            worst = data[int(np.argmax(far))]
+            check.warn(
+                f"the borehole value {worst[-1]:g} of {name} at {worst[:-1].tolist()} m lies {far.max():.2g} deviations"
+                f" from the median of {field.distribution}, more than {UNLIKELY:g}: compare units, mean, cov and trend"
+            )
         (corner, extent), at = (np.array(each)[:, None] for each in box), data[:, :-1].T
         near = np.clip(at, corner, corner + extent)
+        if (outside := (np.abs(near - at) > BESIDE).any(axis=0)).any():
+            worst = data[int(np.argmax(outside))]
+            raise ValueError(
+                f"the borehole value {worst[-1]:g} at {worst[:-1].tolist()} m lies outside the ground, which reaches "
+                f"from {list(box[0])} to {np.add(*box).tolist()} m: correct its position, or leave it out"
+            )
         modes = np.asarray(kl.field.mode_matrix(expansion, np.where(np.abs(near - at) <= BESIDE, near, at)))
         rows.append(np.kron(weights[name][None], modes))
         scores.append(score)

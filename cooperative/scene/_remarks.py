@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from cooperative.scene._campaign import Campaign
+from cooperative.scene._fields import RandomField
 from jaxmpm import Raster, ground
 
 TOP = 0.95
@@ -44,16 +45,26 @@ def remarks(campaign: Campaign) -> Iterator[str]:
                     f"; x = {shape.corner[0]:g} is the rear of the ground. No slide comes over it from above: it "
                     "counts as reached where its own ground slides away, with the thickness of that"
                 )
-    yield from _unresolved(campaign)
+    fields = [
+        each
+        for random in (campaign.random, *(layer.random for layer in campaign.site.layers))
+        for each in random.items()
+    ]
+    yield from _unresolved(fields, campaign.refined.cell)
+    rows = {(name, *row): row for name, varies in fields for row in varies.boreholes or ()}
+    above = [key for key, row in rows.items() if row[-2] > float(np.max(shape.heights(*np.array(row[:-2])[:, None])))]
+    if above:
+        yield (
+            f"{len(above)} borehole values lie above the ground, such as that of {above[0][0]} at "
+            f"{list(above[0][1:-1])} m: they condition the field there, is z an elevation in metres?"
+        )
 
 
-def _unresolved(campaign: Campaign) -> Iterator[str]:
-    """Correlation lengths of less than two cells of the refined grid."""
-    cell = campaign.refined.cell
+def _unresolved(fields: Iterable[tuple[str, RandomField]], cell: float) -> Iterator[str]:
+    """Correlation lengths of less than two cells (m)."""
     lengths: dict[str, float] = {}
-    for random in (campaign.random, *(layer.random for layer in campaign.site.layers)):
-        for name, varies in random.items():
-            lengths[name] = min(lengths.get(name, math.inf), *varies.length)
+    for name, varies in fields:
+        lengths[name] = min(lengths.get(name, math.inf), *varies.length)
     for name, length in lengths.items():
         if length < 2 * cell * (1 - 1e-9):
             yield (

@@ -10,7 +10,7 @@ from benchmarks.robustness.invented import TINY
 from cooperative import runs
 from cooperative._commands import main
 from cooperative.reporting._soundings import conditioned, measured_of
-from cooperative.scene import parse
+from cooperative.scene import parse, remarks
 from cooperative.site import Assumed, estimate_site, write_site
 from cooperative.site._write import _horizontal
 from cooperative.soundings import (
@@ -289,6 +289,17 @@ def test_boreholes_come_from_a_file_that_goes_with_the_scene(tmp_path):
     assert parse(campaign.source).random == typed.random
     with pytest.raises(ValueError, match=r"there is no file .*cpt.csv"):
         parse(_scene(tmp_path, 'boreholes = "cpt.csv"'))
+
+
+def test_boreholes_that_do_not_belong_to_the_ground_or_the_field_are_named(tmp_path):
+    beyond = parse(_scene(tmp_path, "boreholes = [[1.0, 1.0, 35e3], [99.0, 1.0, 35e3]]"))
+    with pytest.raises(ValueError, match=r"value 35000 at \[99.0, 1.0\] m lies outside the ground, which reaches from"):
+        runs.random_soil(beyond)
+    with pytest.warns(UserWarning, match=r"value 400000 of strength at .* deviations from the median of Lognormal"):
+        runs.random_soil(parse(_scene(tmp_path, "boreholes = [[1.0, 1.0, 400e3]]")))
+    ground = beyond.site.shape
+    [remark] = remarks(parse(_scene(tmp_path, f"boreholes = [[{ground.extent[0] - 1}, {ground.extent[1]}, 35e3]]")))
+    assert remark.startswith("1 borehole values lie above the ground, such as that of strength at [")
 
 
 def test_each_sample_draws_its_mean_and_honours_what_was_measured(tmp_path):
