@@ -8,6 +8,7 @@ executed.
 from __future__ import annotations
 
 import dataclasses
+import dis
 import enum
 import hashlib
 import inspect
@@ -16,8 +17,9 @@ import math
 import re
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import cache
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any
 
 import jax
@@ -193,31 +195,60 @@ def of_words(words: object, what: str) -> Any:
 def source_checksum(own: type | FunctionType) -> str:
     """Of the source of a class or a function of the user's own and of those that it uses, of the same modules.
 
+    The values outside a function that it names count too, where they are numbers, texts, arrays or lists of these.
     What was defined where there is no source, by `exec` for one, has the checksum of its compiled code.
     """
-    digest = hashlib.sha256()
+    digest, values = hashlib.sha256(), set[str]()
     for each in _used_by(own, {}):
         digest.update(_source(each).encode())
+        values.update(_values(each))
+    digest.update("".join(sorted(values)).encode())
     return digest.hexdigest()[:16]
 
 
 def _used_by(own: object, seen: dict[int, object]) -> Iterator[type | FunctionType]:
     """A class or function, and those of the user's own that it names."""
+    own = inspect.unwrap(own) if callable(own) else own
     if id(own) in seen or not isinstance(own, type | FunctionType) or own.__module__.split(".")[0] in PACKAGES:
         return
     seen[id(own)] = own
     yield own
-    functions = [own] if isinstance(own, FunctionType) else [each for _, each in _functions(own)]
     for base in own.__mro__[1:] if isinstance(own, type) else ():
         yield from (each for each in _used_by(base, seen) if base.__module__ == own.__module__)
+    for _, named in _named(own):
+        if getattr(named, "__module__", None) == own.__module__:
+            yield from _used_by(named, seen)
+
+
+def _values(own: type | FunctionType) -> Iterator[str]:
+    """Values that the functions of a class, or a function, name and do not hold."""
+    for name, value in _named(own):
+        if isinstance(value, bool | int | float | str | list | tuple | Mapping | np.ndarray | np.generic | jax.Array):
+            with suppress(ValueError):  # what has no words is no number
+                yield f"{name} = {json.dumps(in_words(value, name))}\n"
+
+
+def _named(own: type | FunctionType) -> Iterator[tuple[str, object]]:
+    """Names of what lies outside a function, or the functions of a class, and what they stand for."""
+    functions = [own] if isinstance(own, FunctionType) else [each for _, each in _functions(own)]
     for function in functions:
-        named = (function.__globals__.get(name) for name in function.__code__.co_names)
-        yield from (
-            used
-            for each in named
-            if getattr(each, "__module__", None) == own.__module__
-            for used in _used_by(each, seen)
-        )
+        code = getattr(inspect.unwrap(function), "__code__", function.__code__)
+        if code.co_filename == "<string>" and function is not own:
+            continue  # made by `dataclass`, which wraps it
+        cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
+        known = dict(function.__globals__)
+        with suppress(ValueError):  # a cell that is empty still
+            known |= {name: cell.cell_contents for name, cell in cells.items()}
+        yield from ((name, known[name]) for name in _loaded(function.__code__) if name in known)
+
+
+def _loaded(code: CodeType) -> Iterator[str]:
+    """Names that compiled code, and functions in it, take from outside."""
+    outside = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF")
+    yield from dict.fromkeys(each.argval for each in dis.get_instructions(code) if each.opname in outside)
+    for each in code.co_consts:
+        if inspect.iscode(each):
+            yield from _loaded(each)
 
 
 def _functions(own: type) -> Iterator[tuple[str, FunctionType]]:
