@@ -1,4 +1,5 @@
-"""Slides whose mode readers and rules name: twenty calibrated rough ones of the study, run again and looked at often.
+"""Slides whose mode rules name, and of the first of them readers: calibrated rough ones of the study, run again and
+looked at often.
 
 benchmarks/data/mode_pasts.npz holds what a rule reads of each: when soil lets go, and how deep slices across the slope
 slide. `python -m benchmarks.study.mode_readings` runs the slides that the file lacks.
@@ -19,7 +20,6 @@ from jaxmpm import Face, reduced, solve
 
 STORED = DATA / "mode_pasts.npz"
 CASE = "lx = ly = 60"
-SLIDES = 20
 EVERY = 0.25
 """Seconds between looks at a run."""
 
@@ -66,9 +66,7 @@ class Watched:
 def slides() -> list[Run]:
     """The slides, by sample."""
     rows = read_table(DATA / "study_sweep_slides.csv")
-    return sorted((run for run in rows if run.case == CASE and run.grid == "rough"), key=lambda run: run.sample)[
-        :SLIDES
-    ]
+    return sorted((run for run in rows if run.case == CASE and run.grid == "rough"), key=lambda run: run.sample)
 
 
 def looks(times: np.ndarray, first: float) -> np.ndarray:

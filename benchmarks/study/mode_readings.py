@@ -1,9 +1,10 @@
 """Shares of failure modes of the same slides under each reading of the four printed definitions.
 
 The paper distinguishes modes by eye and prints no rule. `python -m benchmarks.study.mode_readings` runs calibrated
-rough slides that benchmarks/data/mode_pasts.npz lacks, and with `--draw` draws sheets of them in a folder, from which
-readers name the mode. `python -m benchmarks mode_readings` names the modes by each reading. Where readers have named
-them (benchmarks/data/mode_readers.csv), it compares each reading with each reader by Cohen's kappa.
+rough slides that benchmarks/data/mode_pasts.npz lacks, and with `--draw` draws sheets of twenty in a folder, from which
+readers name the mode. `python -m benchmarks mode_readings` names the modes by each reading; `low` and `high` are the
+95 % interval of the share of progressive or compound slides. Where readers have named the twenty
+(benchmarks/data/mode_readers.csv), it compares each reading with each reader by Cohen's kappa.
 """
 
 from __future__ import annotations
@@ -73,9 +74,13 @@ READINGS: dict[str, Reading] = {
 
 
 def shares(pasts: list[Past], reading: Reading) -> dict[str, float]:
-    """Share of each mode by a reading."""
+    """Share of each mode by a reading, and of progressive and compound slides together, with its interval."""
     names = Counter(named(past, *reading) for past in pasts)
-    return {mode: round(names[mode] / len(pasts), 3) for mode in SEVERITY}
+    either = names["progressive"] + names["compound"]
+    low, high = wilson_interval(either, len(pasts))
+    each = {mode: names[mode] / len(pasts) for mode in SEVERITY}
+    each |= {"progressive_or_compound": either / len(pasts), "low": low, "high": high}
+    return {name: round(share, 3) for name, share in each.items()}
 
 
 def run(quick: bool) -> Report:

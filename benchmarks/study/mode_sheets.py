@@ -22,6 +22,8 @@ from benchmarks.study.draw import COLOURS, deepest_section, slid_part, surface
 from benchmarks.study.mode_pasts import EVERY, Past, Watched, slides, watch
 from cooperative.reporting import draw_particles, save
 
+SHEETS = 20
+"""Slides that readers see: those of the lowest samples."""
 ORDER = 32
 """Seed of the order of the sheets."""
 
@@ -31,8 +33,12 @@ SECTIONS = 6
 
 
 def numbered(samples: Sequence[int]) -> dict[int, int]:
-    """Sample of each sheet, by its number from 1 on, in an order that depends on nothing else."""
-    order = np.random.default_rng(ORDER).permutation(sorted(samples))
+    """Sample of each sheet, by its number from 1 on, in an order that depends on nothing else.
+
+    Args:
+        samples: of the slides, of which the lowest SHEETS have a sheet.
+    """
+    order = np.random.default_rng(ORDER).permutation(sorted(samples)[:SHEETS])
     return {number: int(sample) for number, sample in enumerate(order, start=1)}
 
 

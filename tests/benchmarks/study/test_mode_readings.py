@@ -78,6 +78,8 @@ def test_pasts_are_read_as_they_were_stored(two_slides):
     assert report.values["progressive_most"] == 0.5
     assert all(sum(row[mode] for mode in mode_readings.SEVERITY) == pytest.approx(1) for row in report.rows)
     assert not any("kappa" in name for name in (*report.values, *report.rows[0]))
+    two = report.rows[0]
+    assert (two["progressive_or_compound"], two["low"], two["high"]) == (0.5, 0.095, 0.905)
 
 
 def test_no_file_has_no_pasts(tmp_path, monkeypatch):

@@ -54,6 +54,11 @@ def test_numbers_of_sheets_are_those_of_all_slides_in_an_order_of_their_own():
     assert mode_sheets.numbered(samples[::-1]) == numbered
 
 
+def test_readers_see_the_slides_of_the_lowest_samples(monkeypatch):
+    monkeypatch.setattr(mode_sheets, "SHEETS", 3)
+    assert mode_sheets.numbered([27, 1, 3, 8, 10]) == mode_sheets.numbered([8, 3, 1])
+
+
 def test_a_slide_is_drawn_some_seconds_after_its_first_release_and_at_its_end():
     times = np.arange(0.25, 20.1, 0.25)
     assert times[mode_pasts.looks(times, 2.1)].tolist() == [3.0, 4.0, 6.0, 9.0, 13.0, 20.0]
