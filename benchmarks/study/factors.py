@@ -31,11 +31,9 @@ def factors(rows: Rows) -> Iterator[Line]:
     cause = f"the section, at its own factor, runs out {runout(rows, SECTION).value:.2f} m"
     what, name = "run-out in 3D at that factor, refined", "runout_refined_3d"
     yield Line(f"{what} (m)", f"{name}_m", 14.17, runout(rows, "mean strength"), cause)
-    known = any(run.case == DEFAULT and run.until == "end" for run in rows)
-    answer = runout(rows, DEFAULT) if known else "the slide at the factor of safety"
     section = runout(rows, f"{SECTION}, default").value
     cause = f"the section with these settings, at its own factor, runs out {section:.2f} m"
-    yield Line(f"{what}, default settings (m)", f"{name}_default_m", 14.17, answer, cause)
+    yield Line(f"{what}, default settings (m)", f"{name}_default_m", 14.17, runout(rows, DEFAULT), cause)
 
 
 def factor(rows: Rows, case: str, grid: str) -> Answer:

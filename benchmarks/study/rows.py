@@ -20,7 +20,7 @@ FILES = (
     *("fos_rough", "section_fos", "section_slides", "section", "fos_refined", "screening", "fos_rollers", "slide"),
     *("audit", "on_cpu", "fos_default", "screening_default", "audit_default", "screening_rollers", "audit_rollers"),
     *("sweep", "sweep_audit", "slides", "slides_more_air", "sweep_slides", "ranked", "fos_default_rollers", "table_3"),
-    "table_3_slide",
+    *("table_3_slide", "slides_added"),
 )
 """`study_NAME.csv` each; of a run that several have, the first stands."""
 

@@ -23,7 +23,7 @@ from cooperative.runs import Stopped, run_samples, stop_by_signals
 from cooperative.store import Sample, open_store
 
 ADDED = DATA / "study_slides_added.csv"
-"""Read with the study once `rows.FILES` names it."""
+"""Read with the study, of which it is a part."""
 
 
 def wanted(rows: Rows) -> Iterator[Run]:
