@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.accuracy.collapse import DEFAULTS, Numerics
-from benchmarks.accuracy.runout_convergence import LONG_TOE, RUN_OUTS, Slide, Tables, clay_dam, column, of_scene
+from benchmarks.accuracy.runout_convergence import RUN_OUTS
+from benchmarks.accuracy.runout_slides import LONG_TOE, Slide, Tables, clay_dam, column, of_scene
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
 from jaxmpm import GIMP, QuadraticBSpline, diagnostics, solve
 

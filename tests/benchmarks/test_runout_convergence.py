@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.runout_convergence import (
-    CASES,
-    Case,
-    compared,
-    measures,
-    thick_front,
-    with_profiles,
-)
+from benchmarks.accuracy import runout_convergence
+from benchmarks.accuracy.runout_convergence import CASES, Case, compared, with_profiles
+from benchmarks.accuracy.runout_slides import measures, thick_front
 
 
 def test_run_out_and_travel_of_a_rigid_block():
@@ -54,3 +49,26 @@ def test_a_profile_is_the_share_of_the_slide_that_lies_elsewhere():
 def test_cells_of_a_case_are_halved_and_hold_the_default(case):
     assert all(coarse == 2 * fine for coarse, fine in zip(case.cells, case.cells[1:], strict=False))
     assert case.default in case.cells
+
+
+def test_a_command_that_was_stopped_counts_the_cells_that_have_a_row(tmp_path, monkeypatch, capsys):
+    def made(cell):
+        if cell == 0.5 and interrupted:
+            raise KeyboardInterrupt
+        return {"front_m": 10.0 - cell, "front_95_m": 5.0}
+
+    cases = {"a": Case((2, 1, 0.5), 1, made), "b": Case((4, 2, 1, 0.5), 2, made), "c": Case((2, 1, 0.5), 1, made)}
+    monkeypatch.setattr(runout_convergence, "CASES", cases)
+    monkeypatch.setattr(runout_convergence, "ROOT", tmp_path)
+    interrupted = False
+    runout_convergence.rows_of("b", cases["b"], stopped=False)
+    interrupted = True
+    report = runout_convergence.run(quick=False)
+    assert "stopped in a 0.5" in capsys.readouterr().err
+    assert [(row["case"], row["cell_m"]) for row in report.rows] == [
+        *(("a", cell) for cell in (2, 1)),
+        *(("b", cell) for cell in (4, 2, 1, 0.5)),
+    ]
+    assert report.values["rows_missing"] == 4
+    assert "a_default_error" not in report.values
+    assert report.values["default_cell_error_max"] == report.values["b_default_error"] == pytest.approx(0.1579)

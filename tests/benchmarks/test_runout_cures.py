@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from benchmarks.accuracy.runout_convergence import Slide
 from benchmarks.accuracy.runout_cures import CASES, noise
+from benchmarks.accuracy.runout_slides import Slide
 
 
 @pytest.mark.parametrize(("along", "expected"), [([1.0, 1.0], 0.0), ([1.0, -1.0], 1.0)])
