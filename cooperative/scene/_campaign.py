@@ -24,8 +24,7 @@ from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
-from jaxmpm import Discretisation, Settle, ground
-from jaxmpm.setup import check_discretisation
+from jaxmpm import Discretisation, Settle, check_discretisation, ground
 from jaxmpm.soil import AnySoil
 
 V = TypeVar("V")
