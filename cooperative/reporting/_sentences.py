@@ -157,7 +157,11 @@ def more(summary: Summary) -> str:
     if now is None or then is None or (left and not runs):
         return ""
     if not left:
-        return f"All samples are refined: only more samples would bring the coefficient of variation below {now:.1%}."
+        # Where all fail the coefficient is 0, and no measure of what is known.
+        what = f"bring the coefficient of variation below {now:.1%}" if now else "narrow the interval"
+        return f"All samples are refined: only more samples would {what}."
+    if not now:
+        return ""
     first = f"Another {runs} refined runs would reduce the coefficient of variation from {now:.1%} to {then:.1%}"
     if runs == left:
         return f"{first}. All samples are then refined, and only more samples help further."

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cooperative.store._opened import package_versions
-from cooperative.store._samples import COARSE, GRIDS, SLIDES, Record, Rows, Sample, Store, rows_of
+from cooperative.store._samples import COARSE, GRIDS, SLIDES, AnotherScene, Record, Rows, Sample, Store, rows_of
 from foundation import files, hdf5
 from foundation.files import DamagedFile, set_aside
 from foundation.hdf5 import Scalar
@@ -145,8 +145,11 @@ def read_rows(
         grid: "rough" or "refined".
         foreign: what a whole sample of a grid holds that the scene does not have; then it is damaged. None if nothing.
         look: called before each file, may raise to stop.
+
+    Raises:
+        ValueError: files of another scene and none of this one, as after its scene.toml was edited.
     """
-    records: dict[int, Record] = {}
+    records, bad = dict[int, Record](), dict[Path, DamagedFile]()
     damaged: list[str] = []
     samples = store.folder / "samples"
     folders = [samples / each for each in ((grid, SLIDES) if grid == "refined" else (grid,))]
@@ -169,10 +172,17 @@ def read_rows(
                     raise DamagedFile(f"{path} {why}")
                 records[record.number] = record
             except DamagedFile as error:
-                damaged.append(str(error))
-                if store.lock is not None:
-                    warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
-                    set_aside(path)
+                bad[path] = error
+    if bad and not records and all(isinstance(error, AnotherScene) for error in bad.values()):
+        raise ValueError(
+            f"{store.folder} holds {len(bad)} samples of another scene, and none of this one: put back the scene.toml "
+            "with which it began, or give another folder"
+        )
+    for path, error in bad.items():
+        damaged.append(str(error))
+        if store.lock is not None:
+            warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
+            set_aside(path)
     return rows_of(list(records.values()), tuple(damaged))
 
 
@@ -202,7 +212,7 @@ def read_file(store: Store, grid: str, path: Path) -> Sample:
         attributes, row = file.scalars("/"), file.scalars("row")
         _check_types(path, attributes, ATTRIBUTES, required=ATTRIBUTES)
         if attributes["scene"] != store.digest:
-            raise DamagedFile(f"{path} belongs to another scene")
+            raise AnotherScene(f"{path} belongs to another scene")
         if (attributes["grid"], f"{attributes['sample']:06d}.h5") != (grid, path.name):
             raise DamagedFile(f"{path} holds sample {attributes['sample']} of grid {attributes['grid']}")
         _check_row(path, grid, str(attributes["status"]), row)

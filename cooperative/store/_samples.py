@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from cooperative.store._source import Source
+from foundation.files import DamagedFile
 from foundation.hdf5 import Scalar
 
 GRIDS = ("rough", "refined")
@@ -18,6 +19,10 @@ COARSE = "coarse"
 """A grid before the rough one, which a campaign may have: it chooses the samples of that one."""
 SLIDES = "slides"
 """Beside the grids: refined runs that went on from where they had failed to the end of their slide."""
+
+
+class AnotherScene(DamagedFile):
+    """A whole file of a sample of another scene."""
 
 
 @dataclass(frozen=True)

@@ -231,6 +231,20 @@ def test_truncated_flipped_and_foreign_files_are_set_aside_and_redone(tmp_path):
         assert read_rows(store, "rough").damaged == ()
 
 
+def test_an_edited_scene_sets_no_samples_aside(tmp_path):
+    """Days of runs are not renamed because someone changed a number in the folder's scene."""
+    with open_store(tmp_path, SCENE) as store:
+        paths = [write_sample(store, "rough", sample(number)) for number in range(2)]
+    (tmp_path / "scene.toml").write_text(SCENE.replace("0.3", "0.4"))
+    for opened in (read_store(tmp_path), open_store(tmp_path, read_store(tmp_path).source)):
+        with (
+            opened as store,
+            pytest.raises(ValueError, match=r"holds 2 samples of another scene, .* put back the"),
+        ):
+            read_rows(store, "rough")
+    assert all(path.exists() for path in paths)
+
+
 @pytest.mark.parametrize(
     ("frames", "times"),
     [
