@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.protocols import Component, Tensor
+from jaxmpm.storage import stored
 
 # Axes of space (x, y, z = 0, 1, 2) that a 1D, 2D or 3D grid spans.
 AXES: dict[int, tuple[int, ...]] = {1: (0,), 2: (0, 2), 3: (0, 1, 2)}
@@ -228,20 +229,7 @@ def row_by_row(tensor: Tensor) -> Tensor:
         The same tensor.
     """
     present = [k for k in range(6) if not absent(tensor[k])]
-    return placed(zip(present, _written(jnp.broadcast_arrays(*(tensor[k] for k in present))), strict=True))
-
-
-@jax.custom_jvp
-def _written(components: Sequence[Array]) -> list[Array]:
-    array = jnp.zeros((len(components), *components[0].shape), components[0].dtype)
-    for i, component in enumerate(components):
-        array = jax.lax.dynamic_update_index_in_dim(array, component, i, axis=0)
-    return rows(array)
-
-
-@_written.defjvp
-def _(primals: tuple[Sequence[Array]], tangents: tuple[Sequence[Array]]) -> tuple[list[Array], list[Array]]:
-    return _written(*primals), list(tangents[0])
+    return placed(zip(present, stored(jnp.broadcast_arrays(*(tensor[k] for k in present))), strict=True))
 
 
 def mean(tensor: Tensor) -> Array:

@@ -48,8 +48,8 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
         mean = tensors.mean(full)
         full = tensors.with_mean(full, jnp.where(local, mean, maps.cell_average(mean, volume)))
         stress = tensors.compress(full, d)
-    acting = tensors.acting(stress, d)
-    return tensors.spread(volume[None], len(acting), axis=0) * acting
+    # A stack of products, not a product of stacks: XLA on CPU vectorises only the first.
+    return jnp.stack([volume * component for component in tensors.rows(tensors.acting(stress, d))])
 
 
 def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.protocols import History, Material, Tensor
+from jaxmpm.storage import stored_in_reverse
 from jaxmpm.tensors import mean
 
 SHARE = 1e-3
@@ -60,7 +61,7 @@ def update_with_gap(
     """
     if gap is None:
         return *law.update(strain, stress, history, dt), None
-    increase, before = 3 * mean(strain), mean(stress)
+    increase, before = stored_in_reverse([3 * mean(strain), mean(stress)])
     grown = increase if logarithmic else jnp.log1p(increase)
     shut = jnp.clip(jnp.minimum(-before / law.bulk, 0) - grown, 0, gap)
     left = jnp.where(shut > 0, grown + shut, increase)

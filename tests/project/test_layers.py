@@ -14,7 +14,8 @@ from tests import ROOT
 ROOMS = {
     "foundation": "text pytrees deprecated check extras files hdf5",
     "jaxmpm": (
-        "grid protocols types tensors transfer laws boundary equations _step diagnostics soil setup ground run io"
+        "grid protocols types storage tensors transfer laws boundary equations _step diagnostics soil setup ground run "
+        "io"
     ),
     "kl": "types axis marginal sampling field estimation soil plots",
     "cooperative": (
