@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <memory>
 
 namespace jaxmpm {
 namespace {
@@ -50,7 +49,14 @@ void clear_rows_without_terms(const Plan& plan, Scalar scalar, int64_t begin, in
   }
 }
 
-// The phases of one lane's scatter. Owns the particle lists.
+// Particle lists of the scatter that a thread runs, kept for its next ones: fresh memory costs more than to fill it.
+struct Lists {
+  std::vector<uint8_t> slab_of;
+  std::vector<int32_t> list;
+};
+thread_local Lists lists;
+
+// The phases of one lane's scatter, one at a time on a thread.
 class Scatter {
  public:
   Scatter(ScatterKernel kernel, SlabsKernel slabs_kernel, Scalar scalar, const Plan& plan, const ScatterLane& lane)
@@ -63,8 +69,12 @@ class Scatter {
     nodes_ = 1;
     for (int axis = 0; axis < plan.dimension; ++axis) nodes_ *= plan.shape[axis];
     if (slabs_ > 1) {
-      slab_of_.reset(new uint8_t[plan.particles]);
-      list_.reset(new int32_t[plan.particles]);
+      if (lists.list.size() < static_cast<std::size_t>(plan.particles)) {
+        lists.slab_of.resize(plan.particles);
+        lists.list.resize(plan.particles);
+      }
+      slab_of_ = lists.slab_of.data();
+      list_ = lists.list.data();
       starts_.resize(chunks(plan.particles));
     }
   }
@@ -95,7 +105,7 @@ class Scatter {
 
   void count(int64_t chunk) {
     const int64_t begin = chunk * kChunk, end = std::min(begin + kChunk, plan_.particles);
-    slabs_kernel_(plan_, lane_.position, begin, end, slab_of_.get());
+    slabs_kernel_(plan_, lane_.position, begin, end, slab_of_);
     Starts& counts = starts_[chunk];
     counts.fill(0);
     for (int64_t p = begin; p < end;) {
@@ -132,7 +142,7 @@ class Scatter {
   }
 
   void spread(int64_t slab) {
-    kernel_(plan_, lane_.position, lane_.rows.data(), list_.get(), first_[slab], first_[slab + 1], lane_.nodal);
+    kernel_(plan_, lane_.position, lane_.rows.data(), list_, first_[slab], first_[slab + 1], lane_.nodal);
   }
 
   ScatterKernel kernel_;
@@ -141,8 +151,8 @@ class Scatter {
   Plan plan_;
   const ScatterLane& lane_;
   int64_t slabs_, nodes_;
-  std::unique_ptr<uint8_t[]> slab_of_;
-  std::unique_ptr<int32_t[]> list_;
+  uint8_t* slab_of_ = nullptr;
+  int32_t* list_ = nullptr;
   std::vector<Starts> starts_;
   std::array<int32_t, kMostSlabs + 1> first_;
 };

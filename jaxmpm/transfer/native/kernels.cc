@@ -6,10 +6,17 @@
 
 #include "kernels.h"
 
+#if defined(__AVX512F__)
+#include <immintrin.h>
+#if !defined(__clang__)
+// GCC's own header reads what it calls undefined.
+#pragma GCC diagnostic ignored "-Wuninitialized"
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
+#endif
+
 namespace jaxmpm {
 namespace {
-
-constexpr int kBlock = 32;  // particles whose weights are computed together, so that the compiler vectorises them
 
 #if defined(__AVX512F__)
 constexpr int kVectorBytes = 64;
@@ -18,6 +25,7 @@ constexpr int kVectorBytes = 32;
 #else
 constexpr int kVectorBytes = 16;
 #endif
+constexpr int kBlock = kVectorBytes == 64 ? 64 : 32;  // particles whose weights are computed together, as vectors
 
 constexpr int jets(int dimension, int order) {
   return order == 0 ? 1 : order == 1 ? 1 + dimension : 1 + dimension + dimension * (dimension + 1) / 2;
@@ -81,97 +89,8 @@ JAXMPM_INLINE Pack<T, W> operator*(const Pack<T, W>& a, const Pack<T, W>& b) {
   if constexpr (W == 0) return {};
   else return {a.first * b.first, a.rest * b.rest};
 }
-JAXMPM_INLINE float floor_of(float x) { return __builtin_floorf(x); }
-JAXMPM_INLINE double floor_of(double x) { return __builtin_floor(x); }
 
-// Weights of a block of particles: per axis and stencil node the value and its derivatives (1/m, 1/m2).
-template <class T, int D, int ORDER>
-struct Weights {
-  alignas(64) T of[D][kStencil][ORDER + 1][kBlock];
-  alignas(64) int64_t node[kBlock];  // lowest node of the stencil
-};
-
-// Value and derivatives at distance r (in cells) of a shape function; zero for NaN. See jaxmpm/transfer/_shape.py.
-template <class T, int ORDER>
-JAXMPM_INLINE void shape(ShapeFunction function, T l, T per_l, T r, T* value, T* slope, T* curvature) {
-  const T a = r < 0 ? -r : r;
-  const T sign = r < 0 ? T(1) : T(-1);
-  if (function == kLinear) {
-    const bool support = (r >= -1) & (r < 1);
-    *value = support ? 1 - a : T(0);
-    if (ORDER > 0) *slope = support ? sign : T(0);
-    if (ORDER > 1) *curvature = 0;
-  } else if (function == kGimp) {
-    const T reach = 1 + l - a;
-    const T tail = reach > 0 ? reach : T(0);
-    const bool core = a < l, flank = a < 1 - l;
-    *value = core ? 1 - (r * r + l * l) * (T(0.5) * per_l) : flank ? 1 - a : tail * tail * (T(0.25) * per_l);
-    if (ORDER > 0) *slope = core ? -r * per_l : flank ? sign : sign * tail * (T(0.5) * per_l);
-    if (ORDER > 1) *curvature = core ? -per_l : flank | !(reach > 0) ? T(0) : T(0.5) * per_l;
-  } else {
-    const T reach = T(1.5) - a;
-    const T tail = reach > 0 ? reach : T(0);
-    const bool core = a < T(0.5);
-    *value = core ? T(0.75) - r * r : tail * tail / 2;
-    if (ORDER > 0) *slope = core ? -2 * r : sign * tail;
-    if (ORDER > 1) *curvature = core ? T(-2) : reach > 0 ? T(1) : T(0);
-  }
-}
-
-template <class T, int ORDER, ShapeFunction F>
-JAXMPM_INLINE void axis_weights(T l, T per_cell, const T* cells, const T* base, T (*of)[ORDER + 1][kBlock]) {
-  const T per_l = 1 / l;
-  for (int k = 0; k < kStencil; ++k) {
-    for (int p = 0; p < kBlock; ++p) {
-      T slope = 0, curvature = 0;
-      shape<T, ORDER>(F, l, per_l, cells[p] - (base[p] + k), &of[k][0][p], &slope, &curvature);
-      if constexpr (ORDER > 0) of[k][1][p] = slope * per_cell;
-      if constexpr (ORDER > 1) of[k][2][p] = curvature * per_cell * per_cell;
-    }
-  }
-}
-
-// Coordinates (in cells) of `count` particles along an axis and their lowest nodes, on the grid whatever the position.
-template <class T>
-JAXMPM_INLINE void locate(const Plan& plan, int axis, const T* position, const int32_t* index, int64_t begin, int count,
-                          T* cells, T* base) {
-  const T* x = position + axis * plan.particles;
-  T at[kBlock] = {};
-  if (index) {
-    for (int p = 0; p < count; ++p) at[p] = x[index[begin + p]];
-  } else if (count == kBlock) {
-    __builtin_memcpy(at, x + begin, sizeof at);
-  } else {
-    for (int p = 0; p < count; ++p) at[p] = x[begin + p];
-  }
-  const T origin = T(plan.origin[axis]), cell = T(plan.cell), highest = T(plan.shape[axis] - kStencil);
-  for (int p = 0; p < kBlock; ++p) {
-    cells[p] = (at[p] - origin) / cell;
-    const T lowest = floor_of(cells[p] - T(0.5));
-    base[p] = lowest > 0 ? (lowest < highest ? lowest : highest) : T(0);
-  }
-}
-
-template <class T, int D, int ORDER>
-JAXMPM_INLINE void fill_weights(const Plan& plan, const T* position, const int32_t* index, int64_t begin, int count,
-                                Weights<T, D, ORDER>& w) {
-  alignas(64) T cells[kBlock], base[kBlock];
-  const T per_cell = T(1 / plan.cell);
-  for (int p = 0; p < kBlock; ++p) w.node[p] = 0;
-  for (int axis = 0; axis < D; ++axis) {
-    locate(plan, axis, position, index, begin, count, cells, base);
-    const int64_t nodes = plan.shape[axis];
-    for (int p = 0; p < kBlock; ++p) w.node[p] = w.node[p] * nodes + static_cast<int32_t>(base[p]);
-    const T l = T(plan.half[axis]);
-    if (plan.function == kLinear) {
-      axis_weights<T, ORDER, kLinear>(l, per_cell, cells, base, w.of[axis]);
-    } else if (plan.function == kGimp) {
-      axis_weights<T, ORDER, kGimp>(l, per_cell, cells, base, w.of[axis]);
-    } else {
-      axis_weights<T, ORDER, kQuadraticBSpline>(l, per_cell, cells, base, w.of[axis]);
-    }
-  }
-}
+#include "weights.h"
 
 // What one node of an axis gives a particle: weight, slope (1/m) and curvature (1/m2).
 template <class T>
@@ -270,19 +189,19 @@ JAXMPM_INLINE void node_strides(const Plan& plan, int64_t* strides) {
 
 // The packs that a block of particles brings to its nodes, one per derivative; `to` starts as zeros.
 template <class T, int W, int J>
-JAXMPM_INLINE void fill_coefficients(const Plan& plan, const void* const* rows, const int32_t* list, int64_t start, int count,
+JAXMPM_INLINE void fill_coefficients(const Plan& plan, const void* const* rows, const Block& block,
                                      T (&coefficients)[J][kBlock][W]) {
   for (int t = 0; t < plan.term_count; ++t) {
     const Term& term = plan.terms[t];
-    const T* from = static_cast<const T*>(rows[term.row]);
+    const T* from = static_cast<const T*>(rows[term.row]) + (block.list ? 0 : block.first);
     const T factor = T(term.factor);
     T* to = &coefficients[term.jet][0][term.channel];
     if (!term.first_at_node) {
-      for (int p = 0; p < count; ++p) to[p * W] += factor * from[list ? list[start + p] : start + p];
-    } else if (list) {
-      for (int p = 0; p < count; ++p) to[p * W] = factor * from[list[start + p]];
+      for (int p = 0; p < block.count; ++p) to[p * W] += factor * from[block.list ? block.list[p] : p];
+    } else if (block.list) {
+      for (int p = 0; p < block.count; ++p) to[p * W] = factor * from[block.list[p]];
     } else {
-      for (int p = 0; p < count; ++p) to[p * W] = factor * from[start + p];
+      for (int p = 0; p < block.count; ++p) to[p * W] = factor * from[p];
     }
   }
 }
@@ -291,23 +210,20 @@ template <class T, int D, int W, int ORDER>
 void scatter(const Plan& plan, const T* position, const void* const* rows, const int32_t* index, int64_t begin, int64_t end,
              T* nodal) {
   constexpr int J = jets(D, ORDER);
+  const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
   alignas(64) T coefficients[J][kBlock][W] = {};
   int64_t strides[D];
   node_strides<D>(plan, strides);
-  for (int64_t block = begin; block < end; block += kBlock) {
-    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
-    // A list made of neighbours is read straight through.
-    const bool listed = index && index[block + count - 1] - index[block] != count - 1;
-    const int32_t* list = listed ? index : nullptr;
-    const int64_t start = index && !listed ? index[block] : block;
-    fill_weights<T, D, ORDER>(plan, position, list, start, count, weights);
-    fill_coefficients(plan, rows, list, start, count, coefficients);
-    for (int p = 0; p < count; ++p) {
+  for (int64_t from = begin; from < end; from += kBlock) {
+    const Block block(index, from, end);
+    fill_weights(axes, Positions<T, D>(axes, position, block), weights);
+    fill_coefficients(plan, rows, block, coefficients);
+    for (int p = 0; p < block.count; ++p) {
       Jet<T, W, J> a;
 #pragma GCC unroll 10
       for (int j = 0; j < J; ++j) a.d[j] = load<T, W>(coefficients[j][p]);
-      spread<T, W, D, ORDER, D>(a, weights, p, strides, nodal + weights.node[p] * plan.stride);
+      spread<T, W, D, ORDER, D>(a, weights, p, strides, nodal + int64_t{weights.node[p]} * plan.stride);
     }
   }
 }
@@ -333,6 +249,10 @@ constexpr int extended(int jet, int order) {
   for (; order > 0; --order) result = derived<D>(result, D - 1);
   return result;
 }
+
+#if defined(__AVX512F__)
+#include "runs.h"
+#endif
 
 // Sums along the last axis of a particle's sums over the others, whose three nodes lie `stride` numbers apart.
 template <class T, int W, int L, int D, int ORDER>
@@ -366,14 +286,15 @@ constexpr int row_of() {
   return kVectorBytes == 64 && fits ? row : 0;
 }
 
-// Blocks of particles with their sums over the stencil, a pack per derivative: calls `before(block, count)` for a block,
-// `each(p, sums)` for its particles, `after(block, count)`. A pack holds a row of nodes (L numbers), whose sums the
+// Blocks of particles with their sums over the stencil, a pack per derivative: calls `before(block)` for a block,
+// `each(p, sums)` for its particles, `after(its first particle, count)`. A pack holds a row of nodes (L numbers), whose sums the
 // weights along the last axis multiply; with L = 0 it holds one node.
 template <class T, int D, int W, int ORDER, int L, class Before, class Each, class After>
 JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, Before before,
                             Each each, After after) {
   constexpr int LEFT = L > 0, P = L > 0 ? L : W, J = jets(D - LEFT, ORDER);
   constexpr int kPacks = D - LEFT == 0 ? 1 : D - LEFT == 1 ? 3 : D - LEFT == 2 ? 9 : 27;
+  const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
   alignas(64) T edge[kPacks * P] = {}, sums[J][L > 0 ? kBlock : 1][P] = {};
   int64_t strides[D], edge_strides[D] = {}, offsets[kPacks], total = plan.stride;
@@ -386,14 +307,14 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal,
   }
   const int64_t highest = total - P - offsets[kPacks - 1];
   const int held = (LEFT ? kStencil : 1) * plan.stride;
-  for (int64_t block = begin; block < end; block += kBlock) {
-    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
-    fill_weights<T, D, ORDER>(plan, position, nullptr, block, count, weights);
-    before(block, count);
-    for (int p = 0; p < count; ++p) {
-      const T* node = nodal + weights.node[p] * plan.stride;
+  for (int64_t from = begin; from < end; from += kBlock) {
+    const Block block(nullptr, from, end);
+    fill_weights(axes, Positions<T, D>(axes, position, block), weights);
+    before(block);
+    for (int p = 0; p < block.count; ++p) {
+      const T* node = nodal + int64_t{weights.node[p]} * plan.stride;
       Jet<T, P, J> r;
-      if (__builtin_expect(weights.node[p] * plan.stride <= highest, 1)) {
+      if (__builtin_expect(int64_t{weights.node[p]} * plan.stride <= highest, 1)) {
         r = collect<T, P, D, ORDER, D, LEFT>(weights, p, strides, node);
       } else {
         // The last pack would end beyond the array.
@@ -413,7 +334,7 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal,
     for (int p = 0; LEFT && p < kBlock; ++p) {
       if constexpr (LEFT == 1) each(p, along_last<T, W, L, D, ORDER>(weights, p, plan.stride, sums));
     }
-    after(block, count);
+    after(from, block.count);
   }
 }
 
@@ -458,7 +379,7 @@ template <class T, int D, int W, int ORDER, int L>
 void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
   Kept<T, W, jets(D, ORDER)> kept;
   for_sums<T, D, W, ORDER, L>(
-      plan, position, nodal, begin, end, [](int64_t, int) {}, [&](int p, const auto& sums) { kept.keep(p, sums); },
+      plan, position, nodal, begin, end, [](const Block&) {}, [&](int p, const auto& sums) { kept.keep(p, sums); },
       [&](int64_t block, int count) { kept.write_rows(plan, block, count, rows); });
 }
 
@@ -482,7 +403,7 @@ void contract(const Plan& plan, const T* position, const T* nodal, const void* c
   Kept<T, W, jets(D, ORDER)> kept;
   for_sums<T, D, W, ORDER, L>(
       plan, position, nodal, begin, end,
-      [&](int64_t block, int count) { fill_coefficients(plan, rows, nullptr, block, count, coefficients); },
+      [&](const Block& block) { fill_coefficients(plan, rows, block, coefficients); },
       [&](int p, const auto& sums) {
 #pragma GCC unroll 3
         for (int axis = 0; axis < D; ++axis) {
@@ -510,7 +431,21 @@ struct ScatterOf {
   static constexpr Kernel of() {
     return [](const Plan& plan, const void* position, const void* const* rows, const int32_t* index, int64_t begin,
               int64_t end, void* nodal) {
-      scatter<T, D, W, ORDER>(plan, static_cast<const T*>(position), rows, index, begin, end, static_cast<T*>(nodal));
+      const T* at = static_cast<const T*>(position);
+      T* to = static_cast<T*>(nodal);
+#if defined(__AVX512F__)
+      if constexpr (sizeof(T) == sizeof(float)) {
+        if constexpr (W == kGroup) {
+          scatter_runs<D, ORDER>(plan, at, rows, index, begin, end, to);
+        } else if (ORDER == 1 && order_of_first(plan) == 0) {
+          scatter_runs<D, 0, ORDER>(plan, at, rows, index, begin, end, to);
+        } else {
+          scatter_runs<D, ORDER, ORDER>(plan, at, rows, index, begin, end, to);
+        }
+        return;
+      }
+#endif
+      scatter<T, D, W, ORDER>(plan, at, rows, index, begin, end, to);
     };
   }
 };
@@ -587,12 +522,13 @@ typename Of::Kernel chosen(const Plan& plan) {
 
 template <class T>
 void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, uint8_t* slab) {
+  const Axes<T> axes(plan);
+  const T per_slab = 1 / T(plan.slab);
   alignas(64) T cells[kBlock], base[kBlock];
-  for (int64_t block = begin; block < end; block += kBlock) {
-    const int count = end - block < kBlock ? static_cast<int>(end - block) : kBlock;
-    locate<T>(plan, 0, static_cast<const T*>(position), nullptr, block, count, cells, base);
-    const T per_slab = 1 / T(plan.slab);
-    for (int p = 0; p < count; ++p) slab[block + p] = static_cast<uint8_t>((static_cast<int32_t>(base[p]) + T(0.5)) * per_slab);
+  for (int64_t from = begin; from < end; from += kBlock) {
+    const Block block(nullptr, from, end);
+    locate(axes, 0, Positions<T, 1>(axes, static_cast<const T*>(position), block).of[0], cells, base);
+    for (int p = 0; p < block.count; ++p) slab[from + p] = static_cast<uint8_t>((static_cast<int32_t>(base[p]) + T(0.5)) * per_slab);
   }
 }
 
