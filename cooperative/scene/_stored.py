@@ -96,6 +96,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
         "gap_memory": tables.Soil.model_fields["gap_memory"].default,
         "valley": tables.Campaign.model_fields["valley"].default,
         "early": True,
+        "order": "stencil",
     }
     return Source(source.text, {**source.beside, "defaults": today})
 

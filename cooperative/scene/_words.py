@@ -45,6 +45,9 @@ OFFER = (
 )
 """Modules whose names a campaign's words hold, each after its package alone: `jaxmpm.MohrCoulomb`."""
 
+EARLIER: Mapping[str, Mapping[str, object]] = {"jaxmpm.Discretisation": {"order": "cell"}}
+"""Fields that campaigns of earlier versions lack, as they were then, where today's default is another."""
+
 
 _ADDRESS = re.compile(" at 0x[0-9a-f]+")
 
@@ -187,6 +190,7 @@ def of_words(words: object, what: str) -> Any:
         return offered
     if isinstance(offered, type) and issubclass(offered, enum.Enum):
         return offered[words["member"]]
+    words = {**EARLIER.get(named, {}), **words}
     if not dataclasses.is_dataclass(offered):
         raise ValueError(f"{what} holds {short(str(named), 200)}, which holds nothing")
     return offered(**{name: of_words(each, what) for name, each in words.items() if name != "class"})

@@ -32,9 +32,9 @@ from jaxmpm.setup import (
     end_walls,
     fill,
     material_on,
+    ordered,
     pseudo_static,
     settled,
-    sorted_by_cell,
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.types import Scene, State
@@ -137,7 +137,7 @@ def lattice(
         corner=tuple(corner.tolist()),
         dtype=discretisation.dtype,
     )
-    particles = sorted_by_cell(particles, grid)
+    particles = ordered(particles, grid, discretisation.order)
     position = np.asarray(particles.position, float)
     number, soils = layer_of(ground, layers, position, discretisation), [each.soil for each in layers]
     law, order = law_of_layers([material_on(discretisation, soil) for soil in soils], number)

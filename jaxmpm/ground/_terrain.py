@@ -33,9 +33,9 @@ from jaxmpm.setup import (
     check_discretisation,
     end_walls,
     material_on,
+    ordered,
     pseudo_static,
     settled,
-    sorted_by_cell,
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
 from jaxmpm.types import Scene, State
@@ -312,7 +312,7 @@ def terrain(
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     grid = box_grid(shape.corner, cells, discretisation.cell)
     bedrock = None if shape.bedrock is None else shape.floor
-    particles = sorted_by_cell(boxes(shape, discretisation, shape.modelled, bedrock), grid)
+    particles = ordered(boxes(shape, discretisation, shape.modelled, bedrock), grid, discretisation.order)
     layer = shape.layer_of(layers, np.asarray(particles.position), discretisation)
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
     if empty.size:

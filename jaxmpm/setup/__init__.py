@@ -5,12 +5,13 @@ from jaxmpm.setup._builders import bar, block, column
 from jaxmpm.setup._discretisation import (
     RESOLVED,
     Discretisation,
+    Order,
     cell_independent,
     cells_up,
     check_discretisation,
     check_resolved,
 )
-from jaxmpm.setup._fill import fill, sorted_by_cell
+from jaxmpm.setup._fill import fill, ordered
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape
 from jaxmpm.setup._motion import pseudo_static, read_motion
@@ -26,6 +27,7 @@ __all__ = [
     "Discretisation",
     "Hold",
     "Loads",
+    "Order",
     "at_rest",
     "bar",
     "below",
@@ -43,13 +45,13 @@ __all__ = [
     "end_walls",
     "fill",
     "material_on",
+    "ordered",
     "overburden",
     "parameter_names",
     "pseudo_static",
     "read_motion",
     "scene",
     "settled",
-    "sorted_by_cell",
     "unstressed",
     "vary",
     "with_soil",

@@ -13,7 +13,7 @@ from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
 from jaxmpm.setup._discretisation import Discretisation
-from jaxmpm.setup._fill import sorted_by_cell
+from jaxmpm.setup._fill import ordered
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.setup._scene import scene, unstressed
@@ -114,7 +114,7 @@ def build(
         ValueError: If shapes, numbers and choices do not fit, as for `scene`.
     """
     if not isinstance(material, Zoned):
-        particles = sorted_by_cell(particles, grid)
+        particles = ordered(particles, grid, discretisation.order)
     elif loads.pore_pressure is not None:
         loads = replace(loads, pore_pressure=np.where(in_total_stress_at(material), 0.0, loads.pore_pressure))
     built = scene(particles, grid, material, discretisation, boundary=boundary, loads=loads, speed=speed)

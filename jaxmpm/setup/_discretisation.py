@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import jax
 import numpy as np
@@ -16,6 +17,8 @@ from jaxmpm.soil import AnySoil
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Scheme
 
+Order = Literal["stencil", "cell"]
+"""See `Discretisation`."""
 RESOLVED = 1e-3
 """Required precision of a particle's position, as a share of its size."""
 USL_CFL = 0.72
@@ -53,6 +56,8 @@ class Discretisation:
         air: height of the grid above the highest ground (m), rounded up to whole cells; None for one cell. Soil that is
             thrown higher leaves the grid.
         dtype: float32 or float64; None for that of JAX.
+        order: of particles in arrays. Those that start with the same nodes follow each other ("stencil"), which maps
+            them to the grid faster, or those of a cell ("cell"), as in earlier versions.
     """
 
     cell: float
@@ -71,6 +76,7 @@ class Discretisation:
     internal_length: float | None = None
     air: float | None = None
     dtype: DTypeLike | None = None
+    order: Order = "stencil"
 
 
 def cells_up(discretisation: Discretisation, height: float) -> int:
@@ -165,6 +171,8 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
         raise ValueError("apic = True: give kernel = QuadraticBSpline and flip = 0 with it")
     if not isinstance(discretisation.scheme, Scheme):
         raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
+    if discretisation.order not in get_args(Order):
+        raise ValueError(f"order = {discretisation.order!r}: give 'stencil' or 'cell'")
     check.between("cfl", discretisation.cfl, 0.0, 1.0)
     if discretisation.scheme is Scheme.USL and discretisation.cfl > USL_CFL:
         raise ValueError(

@@ -11,7 +11,7 @@ from jax.typing import DTypeLike
 
 from foundation import check
 from jaxmpm.grid import Grid, Particles
-from jaxmpm.setup._discretisation import Discretisation
+from jaxmpm.setup._discretisation import Discretisation, Order
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
 
 
@@ -84,17 +84,19 @@ def box_particles(
     return fill(extent, discretisation.spacing, unit_weight=soil.unit_weight, corner=corner, dtype=discretisation.dtype)
 
 
-def sorted_by_cell(particles: Particles, grid: Grid) -> Particles:
-    """Particles in the order of the cells in which they lie, so that neighbours are close in memory.
+def ordered(particles: Particles, grid: Grid, order: Order) -> Particles:
+    """Particles in an order in which neighbours are close in memory, the last axis fastest.
 
     Args:
         particles: in any order.
-        grid: whose cells count.
+        grid: whose cells or nodes count.
+        order: "stencil" or "cell", see `Discretisation`.
 
     Returns:
         The same particles.
     """
     position = np.asarray(particles.position, float)
-    cell_of = np.floor((position - np.asarray(grid.origin)[:, None]) / grid.cell).astype(np.int64)
-    order = np.lexsort(cell_of[::-1])
-    return jax.tree.map(lambda leaf: leaf[..., order], particles)
+    cells = (position - np.asarray(grid.origin)[:, None]) / grid.cell
+    number = np.floor(cells - 0.5 if order == "stencil" else cells).astype(np.int64)
+    places = np.lexsort(number[::-1])
+    return jax.tree.map(lambda leaf: leaf[..., places], particles)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Interval
 from pydantic import ConfigDict, Strict, computed_field
@@ -98,6 +98,7 @@ class Defaults(Table):
     gap_memory: bool = key("Of the soil.", False, False)
     valley: AboveZero = key("Of the campaign. Earlier versions asked for a lull, which is about this.", 0.05, 0.05)
     early: bool = key("Whether runs may end by `early`.", False, False)
+    order: Literal["stencil", "cell"] = key("Of the particles of all grids.", "cell", "cell")
 
 
 class GivenEstimator(Table):

@@ -128,6 +128,14 @@ def test_words_are_the_campaign_again(text):
         np.testing.assert_array_equal(values, model.parameters(xi)[name])
 
 
+def test_particles_of_an_older_campaign_keep_their_order():
+    source = source_of_value(TINY_IN_PYTHON)
+    words = json.loads(json.dumps(source.beside))
+    del words["campaign"]["rough"]["order"]
+    again = campaign_of_words(replace(source, beside=words))
+    assert (again.rough.order, again.refined.order) == ("cell", "stencil")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

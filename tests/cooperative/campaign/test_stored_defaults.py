@@ -1,10 +1,11 @@
 """A default may change: campaigns begun before go on as they were, new ones follow, and their folders say which."""
 
+import numpy as np
 import pytest
 
 from benchmarks.robustness.invented import LAYERED
 from cooperative import campaign, sweep
-from cooperative.scene import campaign_of, parse, settled
+from cooperative.scene import built, campaign_of, parse, settled
 from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest
 from tests.cooperative.campaign.test_campaign import TINY
 
@@ -42,10 +43,11 @@ def test_a_folder_begun_with_a_step_that_is_refused_now_still_opens(tmp_path):
 
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     source = settled(TINY, tmp_path)
-    assert source.beside == {"defaults": {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True}}
+    today = {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True, "order": "stencil"}
+    assert source.beside == {"defaults": today}
     with open_store(tmp_path, source) as store:
         assert store.digest == scene_digest(
-            TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\nvalley = 0.5\nearly = true\n"
+            TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\nvalley = 0.5\nearly = true\norder = 'stencil'\n"
         )
     assert (tmp_path / "scene.toml").read_text() == TINY
     stored = (tmp_path / "campaign.json").read_text()
@@ -110,6 +112,16 @@ def test_runs_of_folders_that_are_older_than_early_classes_do_not_end_early(tmp_
     assert not ends_early(settled(TINY, tmp_path))
     assert not ends_early(TINY.replace("[run]", "[run]\nearly = false"))
     assert ends_early(settled(TINY.replace("[run]", "[run]\nearly = true"), tmp_path))
+
+
+def test_particles_of_older_folders_keep_their_order(tmp_path):
+    (tmp_path / "scene.toml").write_text(TINY + "\n[defaults]\ncfl = 0.9\ngap_memory = true\n")
+    (new, _), (old, _) = (
+        built(parse(settled(TINY, folder)), "rough", at_rest=False) for folder in (tmp_path / "new", tmp_path)
+    )
+    cells = np.asarray((old.particles.position - np.array(old.grid.origin)[:, None]) / old.grid.cell)
+    assert (np.lexsort(np.floor(cells)[::-1]) == np.arange(cells.shape[1])).all()
+    assert not (np.asarray(new.particles.position) == np.asarray(old.particles.position)).all()
 
 
 class _Looked(Exception):
