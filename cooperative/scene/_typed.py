@@ -229,15 +229,8 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
         bedrock=cast(Raster | None, table.bedrock), interface=interface_of(table.interface),
     )  # fmt: skip
     shape.check()
-    origin = (0.0, 0.0) if table.origin is None else table.origin
-    return Site(
-        shape,
-        table.ends,
-        (),
-        *_water(scene, shape),
-        track_of(tables.of_features(table.run_out_line, RUN_OUT_LINE), shape),
-        origin,
-    )
+    track = track_of(tables.of_features(table.run_out_line, RUN_OUT_LINE), shape)
+    return Site(shape, table.ends, (), *_water(scene, shape), track, table.origin or (0.0, 0.0))
 
 
 def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Water | None, float | None]:
