@@ -132,7 +132,7 @@ class DruckerPrager(Law):
         Returns:
             Stress (Pa) and history.
         """
-        trial = add(stress, elastic_increment(self.bulk, self.shear, strain_increment))
+        trial = row_by_row(add(stress, elastic_increment(self.bulk, self.shear, strain_increment)))
         slope, intercept, dilation = cone(self.matching, *_strength(self, history))
         p, q = mean(trial), safe_sqrt(second_invariant(deviator(trial)))
         flow = jnp.maximum(q + slope * p - intercept, 0) / (self.shear + self.bulk * slope * dilation)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.protocols import Component, Tensor
+from jaxmpm.storage import stored
 from jaxmpm.tensors import VOIGT, absent, placed
 
 SWEEPS = 5
@@ -108,19 +109,27 @@ def _isotropic_jvp(
     tangents: tuple[Sequence[Array], Sequence[object]],
 ) -> tuple[tuple[tuple[Component, ...], Array], tuple[tuple[Component, ...], Array]]:
     (components, parameters), (component_tangents, parameter_tangents) = primals, tangents
-    x, axes = principal(placed(zip(present, components, strict=True)))
-    *y, scalar = function(*x, *parameters)
+    # Stored, as XLA on CPU would compute all of it anew for each component and cotangent.
+    x, axes = _stored_principal(*principal(placed(zip(present, components, strict=True))))
+    *y, scalar = stored(function(*x, *parameters))
     out = tuple(_component(axes, y, k) for k in present), scalar
     tangent = placed(zip(present, component_tangents, strict=True))
     # The tangent on the principal axes.
     t = [
-        [sum(axes[k][i] * tangent[VOIGT[k][l]] * axes[l][j] for k in range(3) for l in range(3)) for j in range(3)]
+        stored(
+            [
+                jnp.asarray(sum(axes[k][i] * tangent[VOIGT[k][l]] * axes[l][j] for k in range(3) for l in range(3)))
+                for j in range(3)
+            ]
+        )
         for i in range(3)
     ]
     _, direct = jax.jvp(lambda p: function(*x, *p), (parameters,), (parameter_tangents,))
     one, zero = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
     slopes = [
-        jax.jvp(lambda *v: function(*v, *parameters), tuple(x), tuple(one if i == k else zero for i in range(3)))[1]
+        stored(
+            jax.jvp(lambda *v: function(*v, *parameters), tuple(x), tuple(one if i == k else zero for i in range(3)))[1]
+        )
         for k in range(3)
     ]
     along = [direct[i] + sum(slopes[k][i] * t[k][k] for k in range(3)) for i in range(4)]
@@ -136,6 +145,16 @@ def _isotropic_jvp(
     positions = [_ENTRY[k] for k in present]
     result = tuple(sum(axes[m][i] * turned[i][j] * axes[n][j] for i, j in pairs) for m, n in positions)
     return out, (result, along[3])
+
+
+def _stored_principal(values: Sequence[Array], axes: Matrix) -> tuple[list[Array], Matrix]:
+    """Principal values and those entries of the axes that are arrays, stored before any use."""
+    at = [(i, j) for i in range(3) for j in range(3) if not isinstance(axes[i][j], float)]
+    kept = stored([*values, *(jnp.asarray(axes[i][j]) for i, j in at)])
+    axes = [[*row] for row in axes]
+    for (i, j), entry in zip(at, kept[3:], strict=True):
+        axes[i][j] = entry
+    return kept[:3], axes
 
 
 _ENTRY = {0: (0, 0), 1: (1, 1), 2: (2, 2), 3: (0, 1), 4: (1, 2), 5: (0, 2)}
