@@ -24,7 +24,7 @@ from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
-from jaxmpm import Discretisation, Settle, check_discretisation, ground
+from jaxmpm import Discretisation, Settle, ground
 from jaxmpm.soil import AnySoil
 
 V = TypeVar("V")
@@ -234,7 +234,7 @@ def check_grids(campaign: Campaign) -> None:
     """Check both discretisations; ValueError names the grid."""
     for name, grid in campaign.grids.items():
         try:
-            check_discretisation(grid, campaign.dimension)
+            ground.check_discretisation(grid, campaign.dimension)
         except ValueError as error:
             raise ValueError(f"[{name}] {error}") from error
 

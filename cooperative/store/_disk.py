@@ -173,15 +173,15 @@ def read_rows(
                 records[record.number] = record
             except DamagedFile as error:
                 bad[path] = error
-    if bad and not records and all(isinstance(error, AnotherScene) for error in bad.values()):
+    if bad and not records and all(isinstance(each, AnotherScene) for each in bad.values()):
         raise ValueError(
             f"{store.folder} holds {len(bad)} samples of another scene, and none of this one: put back the scene.toml "
             "with which it began, or give another folder"
         )
-    for path, error in bad.items():
-        damaged.append(str(error))
+    for path, why_bad in bad.items():
+        damaged.append(str(why_bad))
         if store.lock is not None:
-            warnings.warn(f"{error}: set aside, the sample is run again", stacklevel=2)
+            warnings.warn(f"{why_bad}: set aside, the sample is run again", stacklevel=2)
             set_aside(path)
     return rows_of(list(records.values()), tuple(damaged))
 

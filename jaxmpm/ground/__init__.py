@@ -11,6 +11,7 @@ from jaxmpm.ground._seam import Thickness
 from jaxmpm.ground._section import Section, section
 from jaxmpm.ground._slope import Slope, as_section, slope
 from jaxmpm.ground._terrain import Terrain, terrain
+from jaxmpm.setup import check_discretisation
 
 __all__ = [
     "WATER_WEIGHT",
@@ -26,6 +27,7 @@ __all__ = [
     "box_of",
     "build_ground",
     "cells",
+    "check_discretisation",
     "check_ground",
     "floor",
     "layer_of",
