@@ -84,9 +84,7 @@ constexpr int order_along(int jet, int axis) {
 
 template <int D, int ORDER>
 JAXMPM_INLINE void fill_row_weights(const Weights<float, D, ORDER>& w, RowWeights<D, ORDER>& r) {
-#pragma GCC unroll 6
   for (int j = 0; j < jets(D - 1, ORDER); ++j) {
-#pragma GCC unroll 9
     for (int row = 0; row < rows_of(D); ++row) {
       if constexpr (D == 1) {
         for (int p = 0; p < kBlock; ++p) r.of[j][row][p] = 1;
@@ -216,7 +214,6 @@ void scatter_runs(const Plan& plan, const float* position, const void* const* ro
     }
 #pragma GCC unroll 2
     for (int g = 0; g < G; ++g) {
-#pragma GCC unroll 10
       for (int j = 0; j < jets(D, orders[g]); ++j) {
         Column four[kGroup];
 #pragma GCC unroll 4
