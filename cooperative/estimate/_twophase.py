@@ -157,7 +157,7 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     order, count, lost = ranking.order, ranking.order.size, ranking.broke_off.size
     weight = population.weights[order]
     check_weights(population, weight, count)
-    if lost > plan.runs - plan.first_wave:
+    if lost > plan.runs - plan.first_wave and plan.runs < count:
         raise ValueError(
             f"{lost} rough runs broke off and want a refined run each, of {plan.runs} runs in all: "
             "give more runs (--refined-runs), or mend the rough grid"

@@ -288,3 +288,12 @@ def test_a_rough_grid_that_says_nothing_still_gives_an_unbiased_answer():
         estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, seed=seed))
         errors.append(estimate.probability - failed.mean())
     assert abs(np.mean(errors)) < 4 * np.std(errors) / np.sqrt(300)
+
+
+def test_rough_runs_that_broke_off_may_be_many_where_all_samples_can_run_refined():
+    broke_off = np.arange(10) < 6
+    population = Population(np.linspace(0.1, 1.0, 10), broke_off)
+    answers = {sample: sample % 2 == 0 for sample in range(10)}
+    assert two_phase(population, answers, AuditPlan(runs=10)).probability == 0.5
+    with pytest.raises(ValueError, match="6 rough runs broke off"):
+        next_audit(population, {}, AuditPlan(runs=9))
