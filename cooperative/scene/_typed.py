@@ -81,7 +81,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         )
     check_limit_load(scene.run, scene.limit_load)
     terms = None if scene.field_modes is None else scene.field_modes.counts
-    order = (scene.defaults or tables.Defaults(order="stencil")).order
+    order: Literal["stencil", "cell"] = "stencil" if scene.defaults is None else scene.defaults.order
     together = scene.cross_correlation
     campaign = Campaign(
         name=scene.name,
