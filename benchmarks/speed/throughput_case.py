@@ -39,7 +39,10 @@ class Case:
     def build(self) -> tuple[Scene, State]:
         """Scene and initial state of one lane."""
         campaign = scene_campaign(self.scene)
-        numerics = replace(campaign.grids[self.grid], scheme=Scheme[self.scheme], dtype=self.dtype)
+        numerics, scheme = campaign.grids[self.grid], Scheme[self.scheme]
+        # USL is stable up to 0.72.
+        cfl = min(numerics.cfl, 0.7) if scheme is Scheme.USL else numerics.cfl
+        numerics = replace(numerics, scheme=scheme, cfl=cfl, dtype=self.dtype)
         scene, state = campaign.site.built(campaign.soil, numerics, campaign.run.gravity, at_rest=True)
         return replace(reduced(scene, REDUCTION), engine=None if self.engine is None else Engine[self.engine]), state
 
