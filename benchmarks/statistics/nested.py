@@ -144,19 +144,19 @@ GRIDS = ("coarse_core_seconds", "rough_core_seconds", "refined_class_core_second
 
 def run(quick: bool) -> Report:
     """Measure the coarse grid, and repeat every case 500 times (20 if quick)."""
-    found: dict[str, float] = {}
+    coarse: dict[str, float] = {}
     for end in SCENES:
         answer = on_cores(1, "benchmarks.statistics.nested", end, "12" if quick else "200")
-        found |= {f"{name}{end}": value for name, value in answer.items()}
+        coarse |= {f"{name}{end}": value for name, value in answer.items()}
     count = 20 if quick else 500
     cases = (*GOOD, *BAD)
     answers = measured([(repeat, case, count) for case in cases], quick)
     rows = {case.name: summarise(case, answer) for case, answer in zip(cases, answers, strict=True)}
     good, bad = ([rows[case.name] for case in some] for some in (GOOD, BAD))
     drawn = [row for case, row in zip(GOOD, good, strict=True) if case.coarser]
-    seconds = json.loads((FOLDER / "class_runs.json").read_text())["values"] | found
+    seconds = json.loads((FOLDER / "class_runs.json").read_text())["values"] | coarse
     values = {
-        **found,
+        **coarse,
         "repetitions": count,
         "coverage_min": min(row["coverage"] for row in drawn),
         "coverage_sampling_min": min(row["coverage_sampling"] for row in drawn),

@@ -280,10 +280,7 @@ def check_campaign(campaign: Campaign) -> None:
     _check_boreholes(campaign)
     check_failure(campaign)
     if (campaign.coarse is None) != (plan.rough_samples is None):
-        raise ValueError(
-            f"rough_samples = {plan.rough_samples} {'without' if campaign.coarse is None else 'beside'} a coarse grid: "
-            "give both, or neither"
-        )
+        raise ValueError(f"rough_samples = {plan.rough_samples}, coarse = {campaign.coarse}: give both, or neither")
     if campaign.coarse is not None and campaign.coarse.cell <= campaign.rough.cell:
         raise ValueError(
             f"the coarse grid has cells of {campaign.coarse.cell:g} m, the rough one of {campaign.rough.cell:g} m: "

@@ -282,8 +282,8 @@ def _remarks(
         own = [each for each in measured if each.parameter == name]
         values = np.concatenate([each.value[(each.z < layer.top) & (each.z >= layer.bottom)] for each in own])
         if values.size and (soundings or name != parameter):
-            found = f"{values.size} laboratory values of {name}, mean {values.mean():.4g} {soil_limits()[name].unit}"
-            yield f"{found}, not part of the estimate: {_unused(name, parameter)}"
+            line = f"{values.size} laboratory values of {name}, mean {values.mean():.4g} {soil_limits()[name].unit}"
+            yield f"{line}, not part of the estimate: {_unused(name, parameter)}"
 
 
 def _unused(name: str, parameter: str) -> str:

@@ -98,5 +98,5 @@ def ordered(particles: Particles, grid: Grid, order: Order) -> Particles:
     position = np.asarray(particles.position, float)
     cells = (position - np.asarray(grid.origin)[:, None]) / grid.cell
     number = np.floor(cells - 0.5 if order == "stencil" else cells).astype(np.int64)
-    places = np.lexsort(number[::-1])
-    return jax.tree.map(lambda leaf: leaf[..., places], particles)
+    sequence = np.lexsort(number[::-1])
+    return jax.tree.map(lambda leaf: leaf[..., sequence], particles)

@@ -233,14 +233,14 @@ def test_what_is_not_used_of_a_file_is_stated(tmp_path):
         site = estimate_site([cpt, lab], Assumed(n_kt=(14.0, 0.0)), boundaries=[])
     remarks = " ".join(site.layers[0].remarks)
     assert "1 readings that give no strength above 0 are left out" in remarks
-    for found in (
+    for layer in (
         "strength, mean 3e+04 Pa, not part of the estimate: compare N_kt",
         "cohesion, mean 5000 Pa, not part of the estimate: the layer has strength in its place",
         "friction, mean 25 degrees, not part of the estimate: the layer has strength in its place",
         "unit_weight, mean 1.9e+04 N/m3, not part of the estimate: the weight is that of --unit-weight",
         "young, mean 8e+06 Pa, not part of the estimate: site.toml has a guess, replace it",
     ):
-        assert f"1 laboratory values of {found}" in remarks
+        assert f"1 laboratory values of {layer}" in remarks
 
 
 @pytest.mark.parametrize(
