@@ -227,7 +227,7 @@ def _refine(
         now = screened.refined(known).estimate
         return "P_f {:.3f} ({:.3f} to {:.3f})".format(now.probability, *now.interval)
 
-    with runner.bar("refined grid", runner.campaign.estimator.budget(len(coefficients)), len(known)) as bar:
+    with runner.bar("refined grid", runner.campaign.estimator.budget(screened.planned), len(known)) as bar:
         while wanted(()):
             for sample in runner.samples("refined", _in_rank_order(wanted, known), coefficients):
                 write_sample(store, "refined", sample)

@@ -217,7 +217,7 @@ class Modelled(Protocol):
 def all_samples(sampling: Sampling, screened: Screened) -> Population | None:
     """The scene's own samples, each as good as another, or those drawn of them; None before the first result.
 
-    Zone ones stand for all only together: None until all of them have a result.
+    Drawn ones stand for all only together: None until all of them have a result.
 
     Args:
         sampling: of the scene.

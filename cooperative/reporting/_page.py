@@ -132,7 +132,8 @@ def further_runs(results: Results) -> Iterator[str]:
     summary, estimate = results.summary, results.summary.estimate
     left = summary.after_more_runs.samples_left
     if left == 0:
-        yield paragraph("Every sample has run on the refined grid: only more samples would narrow the interval.")
+        which = "sample" if summary.coarse_samples is None else "rough sample"
+        yield paragraph(f"Every {which} has run on the refined grid: only more {which}s would narrow the interval.")
         return
     if left is None or summary.after_more_runs.coefficient_of_variation is None:
         yield paragraph("The runs so far do not show what more of them would bring.")

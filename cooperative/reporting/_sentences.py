@@ -159,7 +159,8 @@ def more(summary: Summary) -> str:
     if not left:
         # Where all fail the coefficient is 0, and no measure of what is known.
         what = f"bring the coefficient of variation below {now:.1%}" if now else "narrow the interval"
-        return f"All samples are refined: only more samples would {what}."
+        which = "samples" if summary.coarse_samples is None else "rough samples"
+        return f"All {which} are refined: only more {which} would {what}."
     if not now:
         return ""
     first = f"Another {runs} refined runs would reduce the coefficient of variation from {now:.1%} to {then:.1%}"

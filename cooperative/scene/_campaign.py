@@ -231,7 +231,7 @@ def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:
 
 
 def check_grids(campaign: Campaign) -> None:
-    """Check both discretisations; ValueError names the grid."""
+    """Check all discretisations; ValueError names the grid."""
     for name, grid in campaign.grids.items():
         try:
             ground.check_discretisation(grid, campaign.dimension)

@@ -9,6 +9,7 @@ from cooperative.estimate import Phases, Sampling
 from cooperative.folder import read_results
 from cooperative.reporting import progress_of, report
 from cooperative.reporting._progress import words
+from cooperative.reporting._sentences import more
 from cooperative.runs import phases_of
 from cooperative.scene import campaign_of, parse, variants
 from cooperative.store import COARSE, read_rows, read_store
@@ -75,6 +76,14 @@ def test_an_interrupted_campaign_goes_on_to_the_same_answer(done, tmp_path):
     again = run(COARSER, tmp_path)
     assert again.probability_of_failure == done[1].probability_of_failure
     assert again.interval == done[1].interval
+
+
+def test_once_all_rough_samples_are_refined_more_of_them_would_help(tmp_path):
+    text = COARSER.replace("refined_runs = 10", "refined_runs = 14").replace("slides = 2", "slides = 0")
+    summary = run(text, tmp_path, progress=True)
+    assert summary.refined_runs == summary.samples == 14
+    assert "refined grid 14/14" in (tmp_path / "progress.log").read_text()
+    assert "only more rough samples would" in more(summary)
 
 
 def test_the_rough_grid_alone_is_calibrated(tmp_path):
