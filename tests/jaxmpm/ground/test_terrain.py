@@ -112,6 +112,7 @@ BAD_FILES = [
     (HEADER.replace("cellsize 5", "cellsize 0.0008") + "1 2 3\n4 5 6\n", None, "look like degrees: project it"),
     (HEADER + "1 2 3\n4 5 6\n", 'GEOGCS["WGS 84",UNIT["degree",0.0174]]', "dem.prj. is in degrees: project it"),
     (HEADER + "1 2 3\n4 5 6\n", 'PROJCS["NAD83",UNIT["Foot_US",0.3048]]', "dem.prj. is in feet: project it"),
+    (HEADER + "1 2 3\n4 5 -32768\n", None, "has a height of -32768 m, below the deepest ground"),
     ("\x89PNG", None, "is no ESRI ASCII grid"),
 ]
 
