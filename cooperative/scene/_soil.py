@@ -85,9 +85,6 @@ def soils_of(
         bottom = cast(Raster | None, table.raster) if table.bottom is None else table.bottom
         layer = Layer(own, bottom, table.depth, table.thickness)
         layers.append(SiteLayer(table.name or where, layer, varies, table.rock, stops))
-    names = [each.name for each in layers]
-    if twice := next((name for name in names if names.count(name) > 1), None):
-        raise ValueError(f"{names.count(twice)} layers have the name {shown(twice)}: give each a name of its own")
     return soil, random, tuple(layers)
 
 

@@ -167,6 +167,9 @@ def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) ->
     for count in range(len(left), 0, -1):
         asked = ".".join(left[:count])
         named = [at for at, each in enumerate(entries) if each.get("name") == asked]
+        if len(named) > 1:
+            numbers = " or ".join(f"{key}.{at + 1}" for at in named)
+            raise ValueError(f"{shown(name)}: {len(named)} tables have the name {shown(asked)}: give {numbers}")
         if named:
             return named[0], left[count:]
     if left[0].isdigit() and 1 <= int(left[0]) <= len(entries):

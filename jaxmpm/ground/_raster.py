@@ -26,9 +26,6 @@ MOST_PROJECTION = 20_000
 SHORTEST_STEP = 0.05
 """Smallest step (m) of a raster whose corner could be in degrees; a smaller one is taken for degrees."""
 
-DEEPEST = -11_000.0
-"""Lowest elevation (m) of any ground, near that of the deepest ocean; lower numbers mark what is missing."""
-
 SQUARE = 1e-9
 """Largest difference between the steps of a square grid, as a share, from rounding."""
 
@@ -79,7 +76,7 @@ class Raster:
             name: of the raster, for messages.
 
         Raises:
-            ValueError: If its shape or a number is invalid, it looks like degrees, or a height is one of no ground.
+            ValueError: If its shape or a number is invalid, or it looks like degrees.
         """
         if np.ndim(self.heights) != 2 or min(np.shape(self.heights)) < 2:
             raise ValueError(
@@ -92,11 +89,6 @@ class Raster:
             raise ValueError(
                 f"{name} has steps of {self.step:g} from ({west:g}, {south:g}) to ({east:g}, {north:g}), which look "
                 "like degrees: project it to metres first, e.g. with gdalwarp -t_srs and the EPSG code of a UTM zone"
-            )
-        if (lowest := np.nanmin(self.heights, initial=0.0)) < DEEPEST:
-            raise ValueError(
-                f"{name} has a height of {lowest:g} m, below the deepest ground ({DEEPEST:g} m): give missing heights "
-                "as nan, or declare this value as NODATA in the file"
             )
 
     def points(self) -> np.ndarray:

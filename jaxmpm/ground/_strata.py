@@ -11,6 +11,9 @@ from jaxmpm.ground._layer import Layer, check_ends
 from jaxmpm.ground._raster import Raster
 from jaxmpm.setup import RESOLVED
 
+DEEPEST = -11_000.0
+"""Lowest elevation (m) of any ground, near that of the deepest ocean: a lower number, such as -32768, marks a hole."""
+
 
 def bottoms(
     surface: np.ndarray, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray, spacing: float
@@ -79,14 +82,14 @@ def refuse_holes(name: str, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -
 
     Args:
         name: of the surface, for the message.
-        heights: of it (n,) m, not finite in a hole.
+        heights: of it (n,) m, in a hole not finite or below `DEEPEST`.
         x: of the heights (n,) m.
         y: of the heights (n,) m.
 
     Raises:
         ValueError: If it has a hole.
     """
-    holes = np.flatnonzero(~np.isfinite(heights))
+    holes = np.flatnonzero(~np.isfinite(heights) | (heights < DEEPEST))
     if holes.size:
         raise ValueError(
             f"{name} has {holes.size} holes between the walls, the first at ({x[holes[0]]:g}, {y[holes[0]]:g}) m: fill "
