@@ -13,6 +13,7 @@
 #include <thread>
 #include <vector>
 
+#include "cells.h"
 #include "engine.h"
 
 using namespace jaxmpm;
@@ -119,6 +120,35 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
   return good;
 }
 
+// Whether the sums within cells are those of a plain loop, for any number of threads. Numbers of cells that do not exist
+// count as those of the nearest one.
+template <class T>
+bool sums(int64_t particles, int64_t threads) {
+  const int64_t cells = 5, rows = 3;
+  std::vector<int32_t> cell(particles);
+  std::vector<T> values(rows * particles), right(rows * particles, T(0));
+  for (int64_t p = 0; p < particles; ++p) cell[p] = static_cast<int32_t>(p * 7919 % 11 - 3);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = T(1 + i % 7);
+  std::vector<T> total(rows * cells, T(0));
+  const auto place = [&](int64_t row, int64_t p) { return row * cells + std::clamp<int64_t>(cell[p], 0, cells - 1); };
+  for (int64_t row = 0; row < rows; ++row) {
+    for (int64_t p = 0; p < particles; ++p) total[place(row, p)] += values[row * particles + p];
+    for (int64_t p = 0; p < particles; ++p) right[row * particles + p] = total[place(row, p)];
+  }
+  for (int64_t count : {int64_t{1}, threads}) {
+    std::vector<T> once(values.size(), T(NAN)), again = once;
+    {
+      Threads pool(count);
+      sum_in_cells<T>(pool.pool, rows, cells, particles, {{cell.data(), values.data(), once.data()}, {cell.data(), values.data(), again.data()}});
+    }
+    if (once != right || again != right) {
+      std::printf("sums within cells differ, %d particles\n", static_cast<int>(particles));
+      return false;
+    }
+  }
+  return true;
+}
+
 // Whether each transfer refuses a plan that no kernel was compiled for, and writes nothing. The plan has no particles and
 // one row; a kernel that ran all the same would clear the nodes.
 bool refuses(int dimension, int width, int order) {
@@ -168,6 +198,7 @@ int main() {
     }
     good = run<float>(plan, Scalar::kFloat, cells, threads) && good;
     good = run<double>(plan, Scalar::kDouble, cells, threads) && good;
+    good = sums<float>(plan.particles, threads) && sums<double>(plan.particles, threads) && good;
     ++cases;
   }
   std::printf("%d cases\n", cases);

@@ -82,8 +82,9 @@ class Maps(NamedTuple):
 
     def cell_average(self, values: Array, volume: Array) -> Array:
         """Average (N,) of `values` (N,) over each cell by `volume` (N,) m3; soil with friction and other soil apart."""
-        kind = frictional(self.scene.material)
-        return within_cells(self.scene.grid, self.position, values, volume, None if isinstance(kind, bool) else kind)
+        scene, kind = self.scene, frictional(self.scene.material)
+        apart = None if isinstance(kind, bool) else kind
+        return within_cells(scene.grid, self.position, values, volume, apart, engine=scene.engine)
 
     def unlocked(self, strain: Tensor, volume: Array) -> Tensor:
         """The strain with its mean averaged as the scene requires; `volume` (N,) m3 is that of the particles."""

@@ -2,6 +2,7 @@
 
 from jaxmpm.transfer._affine import momentum, nodal_momentum, velocity_gradient
 from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for, within_cells
+from jaxmpm.transfer._cells import cell_sums
 from jaxmpm.transfer._primitives import scatter_p
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
 from jaxmpm.transfer._transfers import g2p, p2g
@@ -13,6 +14,7 @@ __all__ = [
     "Linear",
     "QuadraticBSpline",
     "band_thickness",
+    "cell_sums",
     "filtered",
     "g2p",
     "inside",

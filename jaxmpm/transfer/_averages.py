@@ -11,7 +11,9 @@ from jax import Array
 from foundation import check
 from jaxmpm.grid import Grid
 from jaxmpm.protocols import Kernel
+from jaxmpm.transfer._cells import cell_sums
 from jaxmpm.transfer._shape import locate
+from jaxmpm.types import Engine
 
 
 def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
@@ -39,7 +41,15 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
     return field.reshape(nodal.shape)
 
 
-def within_cells(grid: Grid, position: Array, values: Array, weights: Array, apart: Array | None = None) -> Array:
+def within_cells(
+    grid: Grid,
+    position: Array,
+    values: Array,
+    weights: Array,
+    apart: Array | None = None,
+    *,
+    engine: Engine | None = None,
+) -> Array:
     """Average over the particles in the same cell, by weight.
 
     It is a projection, symmetric in the weights: averaging twice changes nothing.
@@ -50,6 +60,7 @@ def within_cells(grid: Grid, position: Array, values: Array, weights: Array, apa
         values: (N,).
         weights: (N,).
         apart: whether a particle is of the second of two groups (N,), each averaged by itself; None for one group.
+        engine: None takes native kernels on CPU if they were built, else XLA.
 
     Returns:
         (N,).
@@ -61,11 +72,9 @@ def within_cells(grid: Grid, position: Array, values: Array, weights: Array, apa
     groups = 1 if apart is None else 2
     cell = cell if apart is None else cell + grid.nodes * apart
 
-    def over_cell(values: Array) -> Array:
-        # One channel at a time: XLA on CPU adds two in one scatter three times as slowly.
-        return jnp.zeros(groups * grid.nodes, values.dtype).at[cell].add(values)[cell]
-
-    return over_cell(weights * values) / over_cell(weights)
+    both = jnp.stack([weights * values, weights])
+    total, weight = cell_sums(cell, both, cells=groups * grid.nodes, engine=engine)
+    return total / weight
 
 
 def band_thickness(length: float) -> float:

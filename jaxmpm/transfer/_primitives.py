@@ -47,20 +47,20 @@ Tangent = Any
 _STATICS = ("grid", "kernel", "native_only", "terms")
 
 
-def _batch(*arrays: Array | ShapedArray) -> tuple[int, ...]:
+def lanes_of(*arrays: Array | ShapedArray) -> tuple[int, ...]:
     return np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
 
 
 def _nodal_shape(position: ShapedArray, *others: ShapedArray, grid: Grid, channels: int, **_: object) -> ShapedArray:
-    return ShapedArray((*_batch(position, *others), grid.nodes, channels), position.dtype)
+    return ShapedArray((*lanes_of(position, *others), grid.nodes, channels), position.dtype)
 
 
 def _rows_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: object) -> ShapedArray:
-    return ShapedArray((*_batch(position, *others), rows, position.shape[-1]), position.dtype)
+    return ShapedArray((*lanes_of(position, *others), rows, position.shape[-1]), position.dtype)
 
 
 def _contract_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: object) -> list[ShapedArray]:
-    slope = ShapedArray((*_batch(position, *others), *position.shape[-2:]), position.dtype)
+    slope = ShapedArray((*lanes_of(position, *others), *position.shape[-2:]), position.dtype)
     return [slope, _rows_shape(position, *others, rows=rows)]
 
 
@@ -69,15 +69,15 @@ def rows_of(blocks: Sequence[Array]) -> list[Array]:
     return [row for block in blocks for row in block]
 
 
-def _over_lanes(function: Callable[..., Array], *arrays: Array) -> Array:
+def over_lanes(function: Callable[..., Array], *arrays: Array) -> Array:
     """Map over the leading batch axes of arrays that share lanes by axes of length 1."""
     if arrays[0].ndim == 2:
         return function(*arrays)
     shared = [a.shape[0] == 1 for a in arrays]
     lanes = [a[0] if s else a for a, s in zip(arrays, shared, strict=True)]
     if all(shared):
-        return _over_lanes(function, *lanes)[None]
-    return jax.vmap(partial(_over_lanes, function), in_axes=[None if s else 0 for s in shared])(*lanes)
+        return over_lanes(function, *lanes)[None]
+    return jax.vmap(partial(over_lanes, function), in_axes=[None if s else 0 for s in shared])(*lanes)
 
 
 def _scatter_xla(
@@ -87,14 +87,14 @@ def _scatter_xla(
         return stencil.scatter(grid, kernel, position, rows_of(blocks), terms=terms, channels=channels)
 
     _refuse(native_only)
-    return _over_lanes(one_lane, position, *blocks)
+    return over_lanes(one_lane, position, *blocks)
 
 
 def _gather_xla(
     position: Array, nodal: Array, *, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], rows: int
 ) -> Array:
     _refuse(native_only)
-    return _over_lanes(partial(stencil.gather, grid, kernel, terms=terms, rows=rows), position, nodal)
+    return over_lanes(partial(stencil.gather, grid, kernel, terms=terms, rows=rows), position, nodal)
 
 
 def _refuse(native_only: bool) -> None:
@@ -173,7 +173,7 @@ def _gather_tangent_expanded(
 def _contract_expanded(
     position: Array, nodal: Array, *blocks: Array, terms: Sequence[Term], rows: int, **statics: object
 ) -> list[Array]:
-    given = jnp.concatenate([jnp.broadcast_to(b, (*_batch(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
+    given = jnp.concatenate([jnp.broadcast_to(b, (*lanes_of(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
     slope = (_slopes(position, nodal, terms=terms, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
     if rows:
         return [slope, gather_p.bind(position, nodal, terms=terms, rows=rows, **statics)]
@@ -208,7 +208,7 @@ def _expanded_jvp(
     return jax.jvp(partial(expanded, **statics), primals, tuple(map(ad.instantiate_zeros, tangents)))
 
 
-def _summed(cotangent: Array, shape: tuple[int, ...]) -> Array:
+def summed(cotangent: Array, shape: tuple[int, ...]) -> Array:
     """Cotangent of an array that lanes may have shared."""
     shared = tuple(i for i, n in enumerate(shape) if n == 1 and cotangent.shape[i] != 1)
     return cotangent.sum(shared, keepdims=True) if shared else cotangent
@@ -219,7 +219,7 @@ def _split(rows: Array, blocks: Sequence[Tangent]) -> list[Array | None]:
     shapes = [b.aval.shape if ad.is_undefined_primal(b) else b.shape for b in blocks]
     ends = np.cumsum([shape[-2] for shape in shapes])
     return [
-        _summed(part, shape) if ad.is_undefined_primal(block) else None
+        summed(part, shape) if ad.is_undefined_primal(block) else None
         for part, block, shape in zip(jnp.split(rows, ends[:-1], axis=-2), blocks, shapes, strict=True)
     ]
 
@@ -249,7 +249,7 @@ def _scatter_tangent_transpose(
         return (None, *_zeros(shift, *changed), *none)
     rows = _count(blocks) if any(map(ad.is_undefined_primal, changed)) else 0
     slope, gathered = contract_p.bind(position, cotangent, *blocks, rows=rows, **statics)
-    along = _summed(slope, shift.aval.shape) if ad.is_undefined_primal(shift) else None
+    along = summed(slope, shift.aval.shape) if ad.is_undefined_primal(shift) else None
     return (None, along, *(_split(gathered, changed) if rows else none), *none)
 
 
@@ -259,7 +259,7 @@ def _gather_transpose(
     if isinstance(cotangent, ad.Zero):
         return None, ad.Zero(nodal.aval)
     spread = scatter_p.bind(position, cotangent, channels=nodal.aval.shape[-1], **statics)
-    return None, _summed(spread, nodal.aval.shape)
+    return None, summed(spread, nodal.aval.shape)
 
 
 def _gather_tangent_transpose(
@@ -268,7 +268,7 @@ def _gather_tangent_transpose(
     if isinstance(cotangent, ad.Zero):
         return None, ad.Zero(shift.aval), None
     slope, _ = contract_p.bind(position, nodal, cotangent, rows=0, **statics)
-    return None, _summed(slope, shift.aval.shape), None
+    return None, summed(slope, shift.aval.shape), None
 
 
 def _batched(
@@ -279,7 +279,7 @@ def _batched(
     return (out, [0] * len(out)) if primitive.multiple_results else (out, 0)
 
 
-def _register(
+def register(
     primitive: Primitive,
     shape: Callable[..., object],
     counts: tuple[str, ...],
@@ -311,14 +311,14 @@ def _register_expanded(
 ) -> None:
     """Register a primitive that is composed of other primitives wherever it has no kernel of its own."""
     jvp = partial(_expanded_jvp, expanded)
-    _register(primitive, shape, counts, jvp=jvp, transpose=transpose, on_cpu=on_cpu or expanded, elsewhere=expanded)
+    register(primitive, shape, counts, jvp=jvp, transpose=transpose, on_cpu=on_cpu or expanded, elsewhere=expanded)
 
 
-_register(
+register(
     scatter_p, _nodal_shape, ("channels",),
     jvp=_scatter_jvp, transpose=_scatter_transpose, on_cpu=_scatter_cpu, elsewhere=_scatter_xla,
 )  # fmt: skip
-_register(
+register(
     gather_p, _rows_shape, ("rows",),
     jvp=_gather_jvp, transpose=_gather_transpose, on_cpu=_gather_cpu, elsewhere=_gather_xla,
 )  # fmt: skip

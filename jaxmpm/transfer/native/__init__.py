@@ -41,7 +41,7 @@ def available() -> bool:
     path = library()
     if path is not None:
         kernels = ctypes.CDLL(str(path))
-        for name in ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract"):
+        for name in ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract", "jaxmpm_cell_sums"):
             jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(kernels, name)), platform="cpu")
         return True
     warnings.warn(
@@ -145,6 +145,22 @@ def contract(
     ]
     call = jax.ffi.ffi_call("jaxmpm_contract", results)
     return _by_channels(call, grid, kernel, (position, nodal, *blocks), terms)
+
+
+def cell_sums(cell: Array, values: Array, *, cells: int) -> Array:
+    """As `jaxmpm.transfer._cells.cell_sums`, for lanes.
+
+    Args:
+        cell: (..., 1, N) int32 numbers, leading axes of length 1 if lanes share it.
+        values: (..., c, N), likewise.
+        cells: number of cells.
+
+    Returns:
+        (..., c, N).
+    """
+    batch = np.broadcast_shapes(cell.shape[:-2], values.shape[:-2])
+    result = jax.ShapeDtypeStruct((*batch, *values.shape[-2:]), values.dtype)
+    return jax.ffi.ffi_call("jaxmpm_cell_sums", result)(cell, values, cells=np.int64(cells))
 
 
 def _by_channels(

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "cells.h"
 #include "engine.h"
 #include "xla/ffi/api/ffi.h"
 
@@ -17,7 +18,7 @@ using Reals = ffi::Span<const double>;
 
 ffi::Error invalid(const std::string& what) { return ffi::Error(ffi::ErrorCode::kInvalidArgument, "jaxmpm: " + what); }
 
-int64_t bytes_of(ffi::AnyBuffer buffer) { return buffer.element_type() == ffi::F32 ? 4 : 8; }
+int64_t bytes_of(ffi::AnyBuffer buffer) { return buffer.element_type() == ffi::F64 ? 8 : 4; }
 
 // Each lane's array in a buffer whose leading axes are those of the batch, or 1 where lanes share it.
 std::vector<char*> lane_starts(ffi::AnyBuffer buffer, ffi::AnyBuffer::Dimensions batch) {
@@ -259,6 +260,39 @@ ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ff
   return answer(contract(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
+template <class T>
+ffi::Error cell_sums_of(const Pool& pool, ffi::AnyBuffer cell, ffi::AnyBuffer values, ffi::AnyBuffer sums, int64_t cells) {
+  const auto batch = sums.dimensions();
+  const auto numbers = lane_starts(cell, batch), given = lane_starts(values, batch), out = lane_starts(sums, batch);
+  std::vector<CellLane<T>> lanes(out.size());
+  for (std::size_t i = 0; i < lanes.size(); ++i) {
+    lanes[i] = {reinterpret_cast<const int32_t*>(numbers[i]), reinterpret_cast<const T*>(given[i]),
+                reinterpret_cast<T*>(out[i])};
+  }
+  sum_in_cells(pool, batch[batch.size() - 2], cells, batch[batch.size() - 1], lanes);
+  return ffi::Error::Success();
+}
+
+ffi::Error cell_sums_handler(ffi::ThreadPool threads, ffi::AnyBuffer cell, ffi::AnyBuffer values,
+                             ffi::Result<ffi::AnyBuffer> sums, int64_t cells) {
+  const auto type = values.element_type();
+  const auto at = cell.dimensions(), of = values.dimensions(), batch = sums->dimensions();
+  const std::size_t rank = batch.size();
+  if (cell.element_type() != ffi::S32 || (type != ffi::F32 && type != ffi::F64) || sums->element_type() != type) {
+    return invalid("cells must be int32, values and sums both float32 or both float64");
+  }
+  if (rank < 2 || at.size() != rank || of.size() != rank) return invalid("arrays differ in rank");
+  if (at[rank - 2] != 1 || of[rank - 2] != batch[rank - 2] || at[rank - 1] != batch[rank - 1] ||
+      of[rank - 1] != batch[rank - 1]) {
+    return invalid("cells, values and sums differ in their number of particles or rows");
+  }
+  if (cells < 1) return invalid("there is no cell");
+  if (const std::string wrong = check_lanes({cell, values}, batch); !wrong.empty()) return invalid(wrong);
+  const Pool pool = pool_of(threads);
+  if (type == ffi::F32) return cell_sums_of<float>(pool, cell, values, *sums, cells);
+  return cell_sums_of<double>(pool, cell, values, *sums, cells);
+}
+
 template <class Binding>
 auto with_attributes(Binding binding) {
   return std::move(binding)
@@ -290,6 +324,15 @@ auto contract_binding() {
                              .Ret<ffi::AnyBuffer>());
 }
 
+auto cell_sums_binding() {
+  return ffi::Ffi::Bind()
+      .Ctx<ffi::ThreadPool>()
+      .Arg<ffi::AnyBuffer>()
+      .Arg<ffi::AnyBuffer>()
+      .Ret<ffi::AnyBuffer>()
+      .Attr<int64_t>("cells");
+}
+
 }  // namespace
 }  // namespace jaxmpm
 
@@ -297,4 +340,5 @@ auto contract_binding() {
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_scatter, jaxmpm::scatter_handler, jaxmpm::scatter_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_gather, jaxmpm::gather_handler, jaxmpm::gather_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_contract, jaxmpm::contract_handler, jaxmpm::contract_binding());
+XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_cell_sums, jaxmpm::cell_sums_handler, jaxmpm::cell_sums_binding());
 #pragma GCC visibility pop

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.test_util import check_grads
 
 import jaxmpm as mpm
 from jaxmpm import tensors
@@ -14,7 +15,7 @@ from jaxmpm.diagnostics import elastic_energy, kinetic_energy, potential_energy,
 from jaxmpm.equations import Maps, acting_stress
 from jaxmpm.grid import Grid
 from jaxmpm.laws import frictional
-from jaxmpm.transfer import within_cells
+from jaxmpm.transfer import cell_sums, within_cells
 from tests.differences import check_run
 
 SHAPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
@@ -44,6 +45,41 @@ def test_the_average_is_a_projection_and_symmetric_in_its_weights(x64):
         inside = np.all(cell == chosen[:, None], axis=0)
         expected = np.average(np.asarray(one)[inside], weights=np.asarray(weights)[inside])
         assert np.allclose(average(one)[inside], expected)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_sums_over_cells_agree_between_engines_lanes_and_plain_loops(x64, dtype):
+    rng = np.random.default_rng(7)
+    cell = jnp.asarray(rng.integers(0, 40, (3, 500)), jnp.int32)
+    values = jnp.asarray(rng.normal(size=(3, 3, 500)), dtype)
+
+    def sums(cell, values, engine=None):
+        return cell_sums(cell, values, cells=40, engine=engine)
+
+    plain = np.stack([[np.bincount(c, row, 40)[c] for row in v] for c, v in zip(cell, np.asarray(values), strict=True)])
+    tight = 1e-5 if dtype == jnp.float32 else 1e-12
+    for engine in (None, mpm.Engine.XLA):
+        many = partial(sums, engine=engine)
+        assert np.allclose(jax.vmap(many)(cell, values), plain, atol=tight)
+        assert np.array_equal(jax.vmap(many)(cell, values)[1], many(cell[1], values[1]))
+        shared = jax.vmap(many, in_axes=(None, 0))(cell[2], values)
+        assert np.array_equal(shared[2], many(cell[2], values[2]))
+        assert np.array_equal(jax.vmap(many, in_axes=(0, None))(cell, values[2])[2], shared[2])
+    assert np.array_equal(sums(cell[0], values[0]), sums(cell[0], values[0], mpm.Engine.XLA))
+
+
+def test_sums_over_cells_differentiate_in_lanes_that_share_cells_or_values(x64):
+    rng = np.random.default_rng(8)
+    cell, values = jnp.asarray(rng.integers(0, 9, (2, 30)), jnp.int32), jnp.asarray(rng.normal(size=(2, 2, 30)))
+
+    def energy(scale, cells, values):
+        return jnp.sum(cell_sums(cells, scale * values, cells=9) ** 3)
+
+    for axes in ((None, 0, 0), (None, None, 0), (None, 0, None), (0, None, None)):
+        shared = [x if a is not None else x[0] for x, a in zip((cell, values), axes[1:], strict=True)]
+        scale = jnp.asarray([1.1, 0.9]) if axes[0] == 0 else jnp.asarray(1.1)
+        lanes = jax.vmap(energy, in_axes=axes)
+        check_grads(lambda s, lanes=lanes, shared=shared: lanes(s, *shared), (scale,), order=2, modes=("fwd", "rev"))
 
 
 def test_soil_with_friction_has_it_by_default_and_clay_does_not():
