@@ -9,25 +9,26 @@ closed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.csv_rows import ENDED, appending, optional, read_rows, size, whole, word
 from benchmarks.measure import ROOT, Report
-from benchmarks.settings.rest import followed
 from benchmarks.study.cases import CASES as STUDY_CASES
 from benchmarks.study.cases import FAILS_ABOVE, FAST, Changes, campaign_of
 from benchmarks.study.rows import Rows, Run, read_study
 from cooperative import runs
-from cooperative.measure import SEVERITY
+from cooperative.measure import SEVERITY, Motion
 from cooperative.runs import GridModel
 from cooperative.store import Sample
-from jaxmpm import State, Status
+from jaxmpm import Result, Settle, State, Status, solve_each
+from jaxmpm.run import Midway
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
@@ -130,6 +131,38 @@ def _model(case: Case, memory: bool) -> GridModel:
 
 def _cell(value: Any) -> Any:
     return f"{value:.6g}" if isinstance(value, float) else "" if value is None else value
+
+
+def followed(
+    model: GridModel,
+    coefficients: np.ndarray,
+    t_end: float,
+    settle: Settle | None,
+    look: Callable[[float, State], None],
+) -> tuple[Result, Motion]:
+    """Run one sample.
+
+    Args:
+        model: of the grid.
+        coefficients: of the sample (modes,).
+        t_end: last time (s).
+        settle: rule by which the run ends earlier.
+        look: called now and then with the time (s) and the state.
+
+    Returns:
+        The result and the motion of the particles.
+    """
+    past = Motion.start(np.asarray(model.scene.particles.volume), model.campaign.run.failure_displacement)
+
+    def observe(_: int, seconds: float, midway: Midway) -> None:
+        nonlocal past
+        if seconds > past.times[-1]:
+            past = past.after(seconds, np.linalg.norm(np.asarray(midway.state.displacement), axis=0))
+        look(seconds, midway.state)
+
+    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
+    ((_, result),) = solve_each(model.scene, model.state, own, width=1, t_end=t_end, settle=settle, observe=observe)
+    return result, past
 
 
 def run_watched(model: GridModel, sample: int) -> tuple[Sample, str]:
