@@ -25,6 +25,7 @@ from jaxmpm.transfer._stencil import Term
 
 LIBRARY = "libjaxmpm_transfer.so"
 FUNCTIONS = {Linear: 0, GIMP: 1, QuadraticBSpline: 2}
+TARGETS = ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract", "jaxmpm_cell_sums")
 MAX_CHANNELS = 8
 MAX_ORDER = 2
 T = TypeVar("T")
@@ -37,11 +38,19 @@ def library() -> Path | None:
 
 @functools.cache
 def available() -> bool:
-    """Register the compiled kernels and return whether they exist; warn once if they do not."""
+    """Register the compiled kernels and return whether they exist; warn once if they do not.
+
+    Raises:
+        ImportError: The library lacks a kernel, since it was built from other sources.
+    """
     path = library()
     if path is not None:
         kernels = ctypes.CDLL(str(path))
-        for name in ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract", "jaxmpm_cell_sums"):
+        if missing := [name for name in TARGETS if not hasattr(kernels, name)]:
+            raise ImportError(
+                f"{LIBRARY} lacks {', '.join(missing)}: it was built from other sources, install jaxmpm again"
+            )
+        for name in TARGETS:
             jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(kernels, name)), platform="cpu")
         return True
     warnings.warn(

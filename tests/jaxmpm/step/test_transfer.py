@@ -9,6 +9,7 @@ import subprocess
 import sys
 import warnings
 from functools import partial
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -279,6 +280,18 @@ def test_runs_on_xla_and_says_so_once_without_the_library(x64, monkeypatch):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             native.available()
+
+
+def test_a_library_of_other_sources_is_refused(monkeypatch):
+    monkeypatch.setattr(native, "library", lambda: Path(np.random.bit_generator.__file__))
+    native.available.cache_clear()
+    try:
+        with pytest.raises(ImportError, match=r"lacks jaxmpm_scatter.*install jaxmpm again"):
+            native.available()
+    finally:
+        monkeypatch.undo()
+        native.available.cache_clear()
+        assert native.available() == (native.library() is not None)
 
 
 REFUSED = [
