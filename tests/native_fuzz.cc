@@ -130,10 +130,10 @@ bool sums(int64_t particles, int64_t threads) {
   for (int64_t p = 0; p < particles; ++p) cell[p] = static_cast<int32_t>(p * 7919 % 11 - 3);
   for (std::size_t i = 0; i < values.size(); ++i) values[i] = T(1 + i % 7);
   std::vector<T> total(rows * cells, T(0));
-  const auto place = [&](int64_t row, int64_t p) { return row * cells + std::clamp<int64_t>(cell[p], 0, cells - 1); };
+  const auto element = [&](int64_t row, int64_t p) { return row * cells + std::clamp<int64_t>(cell[p], 0, cells - 1); };
   for (int64_t row = 0; row < rows; ++row) {
-    for (int64_t p = 0; p < particles; ++p) total[place(row, p)] += values[row * particles + p];
-    for (int64_t p = 0; p < particles; ++p) right[row * particles + p] = total[place(row, p)];
+    for (int64_t p = 0; p < particles; ++p) total[element(row, p)] += values[row * particles + p];
+    for (int64_t p = 0; p < particles; ++p) right[row * particles + p] = total[element(row, p)];
   }
   for (int64_t count : {int64_t{1}, threads}) {
     std::vector<T> once(values.size(), T(NAN)), again = once;

@@ -38,6 +38,8 @@ class Case:
     factor: float = 1.0
 
 
+SAMPLES = 1000
+"""Of each case, more than it takes for the slides."""
 CASES = {
     "section, published": Case("paper_section", "refined", 50),
     "section, default": Case("section", "refined", 50),
@@ -73,7 +75,7 @@ def main() -> None:
 def prepared(case: Case) -> tuple[GridModel, np.ndarray]:
     """The model of a case, whose runs end as its scene says, and the coefficients of its samples (samples, modes)."""
     campaign = scene_campaign(case.scene)
-    campaign = replace(campaign, plan=replace(campaign.plan, samples=1000, fields=(), modes=(case.grid,)))
+    campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, fields=(), modes=(case.grid,)))
     soil = runs.random_soil(campaign)
     model = replace(runs.build(campaign, case.grid, soil), strength_factor=case.factor)
     return model, runs.coefficients_of(campaign, soil)

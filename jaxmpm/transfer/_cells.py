@@ -16,7 +16,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad
 
 from jaxmpm.transfer import native
-from jaxmpm.transfer._primitives import Tangent, lanes_of, over_lanes, register, summed
+from jaxmpm.transfer._primitives import Tangent, batch_shape, over_lanes, register, summed
 from jaxmpm.types import Engine
 
 cell_sums_p = Primitive("jaxmpm_cell_sums")  # cell (1, N), values (c, N) -> (c, N); leading axes as of the transfers
@@ -48,14 +48,13 @@ def _xla(cell: Array, values: Array, *, cells: int) -> Array:
 
 
 def _on_cpu(cell: Array, values: Array, *, cells: int) -> Array:
-    known = values.dtype in (jnp.float32, jnp.float64)
-    return (
-        native.cell_sums(cell, values, cells=cells) if known and native.available() else _xla(cell, values, cells=cells)
-    )
+    if native.available() and values.dtype in (jnp.float32, jnp.float64):
+        return native.cell_sums(cell, values, cells=cells)
+    return _xla(cell, values, cells=cells)
 
 
 def _shape(cell: ShapedArray, values: ShapedArray, *, cells: int) -> ShapedArray:
-    return ShapedArray((*lanes_of(cell, values), *values.shape[-2:]), values.dtype)
+    return ShapedArray((*batch_shape(cell, values), *values.shape[-2:]), values.dtype)
 
 
 def _jvp(primals: Sequence[Array], tangents: Sequence[Tangent], *, cells: int) -> tuple[Array, Array]:

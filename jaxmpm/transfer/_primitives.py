@@ -47,20 +47,21 @@ Tangent = Any
 _STATICS = ("grid", "kernel", "native_only", "terms")
 
 
-def lanes_of(*arrays: Array | ShapedArray) -> tuple[int, ...]:
+def batch_shape(*arrays: Array | ShapedArray) -> tuple[int, ...]:
+    """Leading batch axes of arrays that share lanes by axes of length 1."""
     return np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
 
 
 def _nodal_shape(position: ShapedArray, *others: ShapedArray, grid: Grid, channels: int, **_: object) -> ShapedArray:
-    return ShapedArray((*lanes_of(position, *others), grid.nodes, channels), position.dtype)
+    return ShapedArray((*batch_shape(position, *others), grid.nodes, channels), position.dtype)
 
 
 def _rows_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: object) -> ShapedArray:
-    return ShapedArray((*lanes_of(position, *others), rows, position.shape[-1]), position.dtype)
+    return ShapedArray((*batch_shape(position, *others), rows, position.shape[-1]), position.dtype)
 
 
 def _contract_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: object) -> list[ShapedArray]:
-    slope = ShapedArray((*lanes_of(position, *others), *position.shape[-2:]), position.dtype)
+    slope = ShapedArray((*batch_shape(position, *others), *position.shape[-2:]), position.dtype)
     return [slope, _rows_shape(position, *others, rows=rows)]
 
 
@@ -173,7 +174,7 @@ def _gather_tangent_expanded(
 def _contract_expanded(
     position: Array, nodal: Array, *blocks: Array, terms: Sequence[Term], rows: int, **statics: object
 ) -> list[Array]:
-    given = jnp.concatenate([jnp.broadcast_to(b, (*lanes_of(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
+    given = jnp.concatenate([jnp.broadcast_to(b, (*batch_shape(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
     slope = (_slopes(position, nodal, terms=terms, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
     if rows:
         return [slope, gather_p.bind(position, nodal, terms=terms, rows=rows, **statics)]
@@ -289,6 +290,17 @@ def register(
     on_cpu: Callable[..., object],
     elsewhere: Callable[..., object],
 ) -> None:
+    """Give a primitive its rules.
+
+    Args:
+        primitive: without rules yet.
+        shape: abstract evaluation.
+        counts: names of its parameters beside those of every transfer.
+        jvp: rule of forward mode.
+        transpose: rule of reverse mode; None if it is never transposed.
+        on_cpu: what it lowers to on CPU.
+        elsewhere: what it lowers to on other devices.
+    """
     primitive.def_abstract_eval(shape)
     primitive.def_impl(jax.jit(primitive.bind, static_argnames=(*_STATICS, *counts)))
     ad.primitive_jvps[primitive] = jvp

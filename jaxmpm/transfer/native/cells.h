@@ -22,13 +22,13 @@ template <int ROWS, class T>
 void sum_rows(const CellLane<T>& lane, int64_t row, int64_t cells, int64_t particles) {
   static thread_local std::vector<T> held;  // kept for the next call: fresh memory costs more than to clear it
   held.assign(ROWS * cells, T(0));
-  const auto place = [&](int64_t p) { return held.data() + ROWS * std::clamp<int64_t>(lane.cell[p], 0, cells - 1); };
+  const auto sums_of = [&](int64_t p) { return held.data() + ROWS * std::clamp<int64_t>(lane.cell[p], 0, cells - 1); };
   for (int64_t p = 0; p < particles; ++p) {
-    T* const at = place(p);
+    T* const at = sums_of(p);
     for (int r = 0; r < ROWS; ++r) at[r] += lane.values[(row + r) * particles + p];
   }
   for (int64_t p = 0; p < particles; ++p) {
-    const T* const at = place(p);
+    const T* const at = sums_of(p);
     for (int r = 0; r < ROWS; ++r) lane.sums[(row + r) * particles + p] = at[r];
   }
 }

@@ -15,7 +15,7 @@ from jaxmpm.diagnostics import elastic_energy, kinetic_energy, potential_energy,
 from jaxmpm.equations import Maps, acting_stress
 from jaxmpm.grid import Grid
 from jaxmpm.laws import frictional
-from jaxmpm.transfer import cell_sums, within_cells
+from jaxmpm.transfer import cell_sums, native_available, within_cells
 from tests.differences import check_run
 
 SHAPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
@@ -80,6 +80,32 @@ def test_sums_over_cells_differentiate_in_lanes_that_share_cells_or_values(x64):
         scale = jnp.asarray([1.1, 0.9]) if axes[0] == 0 else jnp.asarray(1.1)
         lanes = jax.vmap(energy, in_axes=axes)
         check_grads(lambda s, lanes=lanes, shared=shared: lanes(s, *shared), (scale,), order=2, modes=("fwd", "rev"))
+
+
+REFUSED = [
+    ({}, None),
+    ({"cells": 0}, "no cell"),
+    ({"integers": jnp.int16}, "must be int32"),
+    ({"values": (3, 2, 4)}, "number of particles"),
+    ({"values": (3, 1, 5)}, "number of particles or rows"),
+    ({"cell": (3, 2, 5)}, "number of particles or rows"),
+    ({"cell": (2, 1, 5)}, "leading axes"),
+    ({"values": (2, 5)}, "rank"),
+]
+
+
+@pytest.mark.skipif(not native_available(), reason="the native engine was not built")
+@pytest.mark.parametrize(("changed", "message"), REFUSED, ids=[f"{list(c)}: {m}" for c, m in REFUSED])
+def test_the_kernel_refuses_what_it_cannot_do(changed, message):
+    """Straight to the library, past the checks in Python: three lanes of five particles, two rows, four cells."""
+    given = {"cell": (1, 1, 5), "values": (3, 2, 5), "cells": 4, "integers": jnp.int32} | changed
+    call = jax.ffi.ffi_call("jaxmpm_cell_sums", jax.ShapeDtypeStruct((3, 2, 5), jnp.float32))
+    arrays = jnp.zeros(given["cell"], given["integers"]), jnp.ones(given["values"], jnp.float32)
+    if message is None:
+        assert np.array_equal(call(*arrays, cells=np.int64(given["cells"])), np.full((3, 2, 5), 5.0))
+    else:
+        with pytest.raises(Exception, match=message):
+            call(*arrays, cells=np.int64(given["cells"]))
 
 
 def test_soil_with_friction_has_it_by_default_and_clay_does_not():
