@@ -159,20 +159,21 @@ JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D
   }
 }
 
-// One particle's sums over its stencil, from axis number D_ALL - D on; the last LEFT axes lie within a pack.
-template <class T, int W, int D, int ORDER, int D_ALL, int LEFT = 0>
-JAXMPM_INLINE Jet<T, W, jets(D - LEFT, ORDER)> collect(const Weights<T, D_ALL, ORDER>& weights, int p,
-                                                       const int64_t* strides, const T* node) {
+// One particle's sums over its stencil, from axis number D_ALL - D on; the last LEFT axes lie within a pack, and `pack(n)` is
+// the one of number n, those of the last axis first.
+template <class T, int W, int D, int ORDER, int D_ALL, int LEFT = 0, class Packs>
+JAXMPM_INLINE Jet<T, W, jets(D - LEFT, ORDER)> collect(const Weights<T, D_ALL, ORDER>& weights, int p, const Packs& pack,
+                                                       int n = 0) {
   Jet<T, W, jets(D - LEFT, ORDER)> r = {};
   if constexpr (D == LEFT) {
-    r.d[0] = load<T, W>(node);
+    r.d[0] = pack(n);
   } else {
     constexpr int axis = D_ALL - D;
 #pragma GCC unroll 3
     for (int k = 0; k < kStencil; ++k) {
       const AxisWeight<T> at = weight_of(weights, axis, k, p);
       raise<T, W, D - LEFT, ORDER>(
-          collect<T, W, D - 1, ORDER, D_ALL, LEFT>(weights, p, strides, node + k * strides[axis]), at, r);
+          collect<T, W, D - 1, ORDER, D_ALL, LEFT>(weights, p, pack, kStencil * n + k), at, r);
     }
   }
   return r;
@@ -185,6 +186,15 @@ JAXMPM_INLINE void node_strides(const Plan& plan, int64_t* strides) {
     strides[axis] = step;
     step *= plan.shape[axis];
   }
+}
+
+// From the lowest node of a stencil to its node number n over the first A axes, the last of them first.
+template <int A>
+JAXMPM_INLINE int64_t offset_of(int n, const int64_t* strides) {
+  int64_t offset = 0;
+#pragma GCC unroll 3
+  for (int axis = A - 1; axis >= 0; --axis, n /= kStencil) offset += n % kStencil * strides[axis];
+  return offset;
 }
 
 // The packs that a block of particles brings to its nodes, one per derivative; `to` starts as zeros.
@@ -288,41 +298,49 @@ constexpr int row_of() {
 
 // Blocks of particles with their sums over the stencil, a pack per derivative: calls `before(block)` for a block,
 // `each(p, sums)` for its particles, `after(its first particle, count)`. A pack holds a row of nodes (L numbers), whose sums the
-// weights along the last axis multiply; with L = 0 it holds one node.
+// weights along the last axis multiply; with L = 0 it holds one node. With AVX-512 rows stay in registers while particles
+// with the same stencil follow each other.
 template <class T, int D, int W, int ORDER, int L, class Before, class Each, class After>
 JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, Before before,
                             Each each, After after) {
   constexpr int LEFT = L > 0, P = L > 0 ? L : W, J = jets(D - LEFT, ORDER);
   constexpr int kPacks = D - LEFT == 0 ? 1 : D - LEFT == 1 ? 3 : D - LEFT == 2 ? 9 : 27;
+  constexpr bool kHeld = kVectorBytes == 64 && LEFT == 1;
   const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
   alignas(64) T edge[kPacks * P] = {}, sums[J][L > 0 ? kBlock : 1][P] = {};
-  int64_t strides[D], edge_strides[D] = {}, offsets[kPacks], total = plan.stride;
+  int64_t strides[D], total = plan.stride;
   node_strides<D>(plan, strides);
   for (int axis = 0; axis < D; ++axis) total *= plan.shape[axis];
-  for (int axis = D - LEFT - 1, step = P; axis >= 0; --axis, step *= kStencil) edge_strides[axis] = step;
-  for (int n = 0; n < kPacks; ++n) {
-    offsets[n] = 0;
-    for (int axis = D - LEFT - 1, rest = n; axis >= 0; --axis, rest /= kStencil) offsets[n] += rest % kStencil * strides[axis];
-  }
-  const int64_t highest = total - P - offsets[kPacks - 1];
-  const int held = (LEFT ? kStencil : 1) * plan.stride;
+  const int64_t highest = total - P - offset_of<D - LEFT>(kPacks - 1, strides);
+  const int within_row = (LEFT ? kStencil : 1) * plan.stride;
+  Pack<T, P> packs[kHeld ? kPacks : 1] = {};
+  int32_t base = -1;  // lowest node of the stencil that `packs` belongs to
+  const auto collected = [&](int p, const auto& pack) { return collect<T, P, D, ORDER, D, LEFT>(weights, p, pack); };
   for (int64_t from = begin; from < end; from += kBlock) {
     const Block block(nullptr, from, end);
     fill_weights(axes, Positions<T, D>(axes, position, block), weights);
     before(block);
     for (int p = 0; p < block.count; ++p) {
-      const T* node = nodal + int64_t{weights.node[p]} * plan.stride;
       Jet<T, P, J> r;
-      if (__builtin_expect(int64_t{weights.node[p]} * plan.stride <= highest, 1)) {
-        r = collect<T, P, D, ORDER, D, LEFT>(weights, p, strides, node);
-      } else {
+      if (!kHeld || weights.node[p] != base) {
+        base = weights.node[p];
+        const T* node = nodal + int64_t{base} * plan.stride;
+        const auto read = [&](int n) { return load<T, P>(node + offset_of<D - LEFT>(n, strides)); };
+        const auto read_edge = [&](int n) { return load<T, P>(edge + n * P); };
+        const bool within = __builtin_expect(int64_t{base} * plan.stride <= highest, 1);
         // The last pack would end beyond the array.
-        for (int n = 0; n < kPacks; ++n) {
-          for (int i = 0; i < held && i < P; ++i) edge[n * P + i] = node[offsets[n] + i];
+        for (int n = 0; !within && n < kPacks; ++n) {
+          for (int i = 0; i < within_row && i < P; ++i) edge[n * P + i] = node[offset_of<D - LEFT>(n, strides) + i];
         }
-        r = collect<T, P, D, ORDER, D, LEFT>(weights, p, edge_strides, edge);
+        if constexpr (kHeld) {
+#pragma GCC unroll 9
+          for (int n = 0; n < kPacks; ++n) packs[n] = within ? read(n) : read_edge(n);
+        } else {
+          r = within ? collected(p, read) : collected(p, read_edge);
+        }
       }
+      if constexpr (kHeld) r = collected(p, [&](int n) { return packs[n]; });
       if constexpr (LEFT == 0) {
         each(p, r);
       } else {

@@ -187,10 +187,7 @@ void scatter_runs(const Plan& plan, const float* position, const void* const* ro
   }
   int64_t strides[D], offsets[R];
   node_strides<D>(plan, strides);
-  for (int row = 0; row < R; ++row) {
-    offsets[row] = 0;
-    for (int axis = D - 2, rest = row; axis >= 0; --axis, rest /= kStencil) offsets[row] += rest % kStencil * strides[axis];
-  }
+  for (int row = 0; row < R; ++row) offsets[row] = offset_of<D - 1>(row, strides);
   Weights<float, D, ORDER> weights;
   RowWeights<D, ORDER> across;
   alignas(64) float columns[G][J][kGroup][kBlock] = {}, coefficients[G][J][kBlock * kGroup];
