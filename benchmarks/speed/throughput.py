@@ -5,8 +5,8 @@ each; `batch16_two_core_ratio` is that of 16 lanes run so, and the one of a sing
 
 The published method's open solver, MPM3D-F90 (github.com/xzhang66/MPM3D-F90, commit 4a6275f, gfortran 12, -O3
 -ffast-math -march=native, GIMP and MUSL, float64, no softening), takes 5 to 10 times as long on the rough slope, by
-the machine: 0.67 to 0.70 us against 0.130 to 0.135 on one core of an Intel Xeon, 0.96 against 0.100 of an AMD EPYC.
-In float64 both, 5.
+the machine: on one core of an Intel Xeon 0.58 to 0.60 us beside 0.083, of another 0.67 to 0.70 beside the 0.130 to
+0.135 of an earlier version, of an AMD EPYC 0.96 beside the 0.100 of an earlier version. In float64 both, 3 to 5.
 """
 
 from __future__ import annotations
