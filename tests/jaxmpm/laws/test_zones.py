@@ -96,7 +96,7 @@ def test_each_zone_has_its_own_history_gap_and_return():
         for k in (0, 1, 2, 5):
             np.testing.assert_allclose(result[0][k][own], alone[0][k], rtol=1e-5, atol=1)
         np.testing.assert_array_equal(result[1][own], alone[1] if softens else history[own])
-        np.testing.assert_array_equal(result[2][own], alone[2] if remembers else gap[own])
+        np.testing.assert_array_equal(result[2][own], alone[2] if remembers else 0 * gap[own])
 
 
 def test_lanes_of_unlike_strength_move_as_each_alone():
