@@ -190,7 +190,7 @@ def _(
         components.append(jnp.stack([after[0][k] for k in present]))
         histories.append(before[0] if after[1] is None else after[1])
         # A law without memory loses what the average over a cell gives its particles.
-        gaps.append(None if gap is None else jnp.zeros_like(before[1]) if after[2] is None else after[2])
+        gaps.append(jnp.zeros_like(before[1]) if after[2] is None and before[1] is not None else after[2])
     stress = placed(zip(present, rows(jnp.concatenate(components, axis=1)), strict=True))
     history, gap = (jax.tree.map(lambda *parts: jnp.concatenate(parts), *each) for each in (histories, gaps))
     return stress, history, gap
