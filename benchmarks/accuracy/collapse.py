@@ -11,6 +11,7 @@ import numpy as np
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics
+from jaxmpm.laws import DruckerPrager, MohrCoulomb
 from jaxmpm.protocols import Kernel
 
 WEIGHT, GRAVITY = 16e3, 9.81
@@ -31,6 +32,7 @@ class Numerics(TypedDict, total=False):
 
 
 DEFAULTS: Numerics = {}
+Criterion = type[MohrCoulomb] | type[DruckerPrager]
 
 
 def collapsed(aspect: float, cells: int) -> dict[str, float]:
@@ -49,7 +51,12 @@ def collapsed(aspect: float, cells: int) -> dict[str, float]:
 
 
 def collapse(
-    aspect: float, cells: int, *, gap_memory: bool = True, numerics: Numerics = DEFAULTS
+    aspect: float,
+    cells: int,
+    *,
+    criterion: Criterion = MohrCoulomb,
+    gap_memory: bool = True,
+    numerics: Numerics = DEFAULTS,
 ) -> tuple[mpm.Scene, mpm.State]:
     """A column `aspect` times as high as wide, and its state at the end of its collapse.
 
@@ -60,6 +67,7 @@ def collapse(
     Args:
         aspect: height over width.
         cells: over the width.
+        criterion: class of the law.
         gap_memory: as for `jaxmpm.FrictionalSoil`.
         numerics: choices in place of these.
     """
@@ -69,6 +77,7 @@ def collapse(
         friction=float(np.degrees(FRICTION)),
         unit_weight=WEIGHT,
         young=50 * WEIGHT * height,
+        criterion=criterion,
         tension_cutoff=0.0,
         gap_memory=gap_memory,
     )

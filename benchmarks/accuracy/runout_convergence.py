@@ -34,6 +34,7 @@ from benchmarks.accuracy.runout_slides import (
     terrain,
 )
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from jaxmpm.laws import DruckerPrager
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ CASES = {
     ),
     "sand_1": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 1.0)),
     "sand_2": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 2.0)),
+    "sand_1_cone": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 1.0, criterion=DruckerPrager)),
+    "sand_2_cone": Case((1 / 16, 1 / 32, 1 / 64, 1 / 128), 1 / 32, partial(sand, 2.0, criterion=DruckerPrager)),
     "clay_dam": Case((1, 0.5, 0.25, 0.125), 0.5, lambda c: clay_dam(c).row()),
     "retrogression": Case(
         (1, 0.5, 0.25, 0.125), 0.25, lambda c: of_scene("sites/retrogression_5m", c, changes=SHORTER).row(), BLOCKS

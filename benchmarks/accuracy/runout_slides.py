@@ -16,12 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
-from benchmarks.accuracy.collapse import DEFAULTS, GRAVITY, Numerics, collapse
+from benchmarks.accuracy.collapse import DEFAULTS, GRAVITY, Criterion, Numerics, collapse
 from benchmarks.measure import ROOT
 from benchmarks.sites import sites_retrogression, sites_terrain
 from cooperative.measure import consequences
 from cooperative.scene import Campaign, parse, to_toml
 from jaxmpm import Face, Scene, Settle, State, reduced, solve
+from jaxmpm.laws import MohrCoulomb
 
 Row = dict[str, Any]
 Tables = Mapping[str, Mapping[str, object]]
@@ -176,20 +177,28 @@ def clay_dam(cell: float, *, gap_memory: bool = True, numerics: Numerics = DEFAU
     return Slide(scene, ended.state, length, cell, 0.5)
 
 
-def column(aspect: float, cell: float, *, gap_memory: bool = True, numerics: Numerics = DEFAULTS) -> Slide:
+def column(
+    aspect: float,
+    cell: float,
+    *,
+    criterion: Criterion = MohrCoulomb,
+    gap_memory: bool = True,
+    numerics: Numerics = DEFAULTS,
+) -> Slide:
     """A column of dry sand, 1 m wide.
 
     Args:
         aspect: height over width.
         cell: edge of the cells (m).
+        criterion: class of the law.
         gap_memory: as for `jaxmpm.FrictionalSoil`.
         numerics: numerical choices in place of those of `collapse`.
     """
-    scene, final = collapse(aspect, round(1 / cell), gap_memory=gap_memory, numerics=numerics)
+    scene, final = collapse(aspect, round(1 / cell), criterion=criterion, gap_memory=gap_memory, numerics=numerics)
     return Slide(scene, final, 1.0, cell, 0.05)
 
 
-def sand(aspect: float, cell: float) -> Row:
+def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb) -> Row:
     """A column of dry sand: lengths over its width.
 
     Its front is where the deposit is `THICK`. `grains_m` is that of the farthest grains that lie together, the end of a
@@ -199,9 +208,11 @@ def sand(aspect: float, cell: float) -> Row:
     Args:
         aspect: height over width.
         cell: edge of the cells over the width.
+        criterion: class of the law.
     """
     rate = math.sqrt(GRAVITY / aspect)
-    slide = column(aspect, cell, numerics={"flip": 1.0, "apic": False, "pic_damping": rate, "xpic": 2})
+    transfers: Numerics = {"flip": 1.0, "apic": False, "pic_damping": rate, "xpic": 2}
+    slide = column(aspect, cell, criterion=criterion, numerics=transfers)
     row = slide.row()
     x = np.asarray((slide.scene.particles.position + slide.state.displacement)[0], float)
     thick = thick_front(x, np.asarray(slide.scene.particles.volume, float), THICK * aspect, 1 / 8) - 1
