@@ -71,6 +71,7 @@ class Scene:
         fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking;
             static.
         cell_average: whether the volumetric strain alone is averaged, over each cell; static.
+        gap_average: whether the gap that a tension cutoff has opened is averaged there, too; static.
         finite_strain: whether elasticity uses Hencky strains instead of the Jaumann rate; yield then applies to J times
             the stress; static.
         xpic: transfers to the grid and back that the share of PIC filters by, see `Discretisation`; static.
@@ -107,6 +108,7 @@ class Scene:
     engine: Engine | None = static(default=None)
     fbar: bool = static(default=False)
     cell_average: bool = static(default=False)
+    gap_average: bool = field(default=False, metadata={"static": True, "absent": False})
     finite_strain: bool = static(default=False)
     xpic: int = field(default=1, metadata={"static": True, "absent": 1})
     nonlocal_passes: int | None = static(default=None)

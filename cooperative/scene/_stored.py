@@ -97,6 +97,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
         "valley": tables.Campaign.model_fields["valley"].default,
         "early": True,
         "order": "stencil",
+        "gap_average": True,
     }
     return Source(source.text, {**source.beside, "defaults": today})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Literal, cast
+from typing import cast
 
 import numpy as np
 
@@ -81,7 +81,6 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         )
     check_limit_load(scene.run, scene.limit_load)
     terms = None if scene.field_modes is None else scene.field_modes.counts
-    order: Literal["stencil", "cell"] = "stencil" if scene.defaults is None else scene.defaults.order
     together = scene.cross_correlation
     campaign = Campaign(
         name=scene.name,
@@ -89,9 +88,9 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         soil=soil,
         random=random,
         cross_correlation=None if together is None else CrossCorrelation(**dict(together)),
-        coarse=None if scene.coarse is None else _grid(scene.coarse, site, soil, order),
-        rough=_grid(scene.rough, site, soil, order),
-        refined=_grid(scene.refined, site, soil, order),
+        coarse=None if scene.coarse is None else _grid(scene.coarse, site, soil, scene.defaults),
+        rough=_grid(scene.rough, site, soil, scene.defaults),
+        refined=_grid(scene.refined, site, soil, scene.defaults),
         run=run_of(scene.run, motion_of(scene, len(site.shape.corner))),
         plan=_plan(scene.campaign, has_modes=site.shape.face is not None),
         estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
@@ -315,13 +314,15 @@ def _named(table: tables.Campaign) -> Estimator:
     return named_estimator(table.estimator, {key: getattr(table, key) for key in (*SETTINGS, "seed")})
 
 
-def _grid(table: tables.Grid, site: Site, soil: AnySoil, order: Literal["stencil", "cell"]) -> Discretisation:
+def _grid(table: tables.Grid, site: Site, soil: AnySoil, defaults: tables.Defaults | None) -> Discretisation:
     """Answers do not follow the cell, unless the scene says so; no F-bar for ground with a frictional layer."""
     values = {key: value for key, value in table if value is not None}
     endless = site.ends in ("tied", "free field")
     if table.internal_length == "none" or (endless and table.internal_length is None):
         values["internal_length"] = None
-    numerics = cell_independent(Discretisation(**values, dtype="float32", order=order), soil)
+    if defaults is not None:
+        values |= {"order": defaults.order, "gap_average": defaults.gap_average}
+    numerics = cell_independent(Discretisation(**values, dtype="float32"), soil)
     frictional = any(getattr(each.soil, "friction", None) is not None for each in site.soils(soil))
     return replace(numerics, **{"fbar": numerics.fbar and not frictional, **values})
 

@@ -45,7 +45,7 @@ OFFER = (
 )
 """Modules whose names a campaign's words hold, each after its package alone: `jaxmpm.MohrCoulomb`."""
 
-EARLIER: Mapping[str, Mapping[str, object]] = {"jaxmpm.Discretisation": {"order": "cell"}}
+EARLIER: Mapping[str, Mapping[str, object]] = {"jaxmpm.Discretisation": {"order": "cell", "gap_average": False}}
 """Fields that campaigns of earlier versions lack, as they were then, where today's default is another."""
 
 

@@ -31,6 +31,7 @@ def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
             engine=scene.engine,
             fbar=scene.fbar,
             cell_average=scene.cell_average,
+            gap_average=scene.gap_average,
             finite_strain=scene.finite_strain,
         )
         for column in (scene.free_field.low, scene.free_field.high)

@@ -60,7 +60,7 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
     )
     given = strained.strain, strained.stress, state.history, dt
     gap = state.gap
-    if gap is not None and scene.cell_average:
+    if gap is not None and scene.gap_average:
         # As the strain is: otherwise loose particles lie for ever beside those that bear their weight.
         gap = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
     stress, history, gap = update_with_gap(scene.material, *given, gap=gap, logarithmic=scene.finite_strain)

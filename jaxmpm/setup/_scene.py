@@ -106,6 +106,7 @@ def scene(
     if length is not None and material.initial_history(particles) is None:
         raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
     average = numerics.cell_average
+    average = bool(material.FRICTIONAL and d > 1) if average is None else bool(average)
     built = Scene(
         grid=grid,
         particles=particles,
@@ -117,7 +118,8 @@ def scene(
         scheme=numerics.scheme,
         engine=engine,
         fbar=bool(numerics.fbar),
-        cell_average=bool(material.FRICTIONAL and d > 1) if average is None else bool(average),
+        cell_average=average,
+        gap_average=average and bool(numerics.gap_average),
         finite_strain=bool(numerics.finite_strain),
         xpic=numerics.xpic,
         nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),

@@ -99,6 +99,7 @@ class Defaults(Table):
     valley: AboveZero = key("Of the campaign. Earlier versions asked for a lull, which is about this.", 0.05, 0.05)
     early: bool = key("Whether runs may end by `early`.", False, False)
     order: Literal["stencil", "cell"] = key("Of the particles of all grids.", "cell", "cell")
+    gap_average: bool = key("Of all grids.", False, False)
 
 
 class GivenEstimator(Table):

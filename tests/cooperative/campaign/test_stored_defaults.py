@@ -8,6 +8,7 @@ from cooperative import campaign, sweep
 from cooperative.scene import built, campaign_of, parse, settled
 from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest
 from tests.cooperative.campaign.test_campaign import TINY
+from tests.cooperative.scene.test_random_soil import SAND
 
 
 def steps(text):
@@ -43,11 +44,13 @@ def test_a_folder_begun_with_a_step_that_is_refused_now_still_opens(tmp_path):
 
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     source = settled(TINY, tmp_path)
-    today = {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True, "order": "stencil"}
+    today = {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True, "order": "stencil", "gap_average": True}
     assert source.beside == {"defaults": today}
     with open_store(tmp_path, source) as store:
         assert store.digest == scene_digest(
-            TINY + "[defaults]\ncfl = 0.9\ngap_memory = true\nvalley = 0.5\nearly = true\norder = 'stencil'\n"
+            TINY
+            + "[defaults]\ncfl = 0.9\ngap_memory = true\nvalley = 0.5\nearly = true\norder = 'stencil'\n"
+            + "gap_average = true\n"
         )
     assert (tmp_path / "scene.toml").read_text() == TINY
     stored = (tmp_path / "campaign.json").read_text()
@@ -122,6 +125,15 @@ def test_particles_of_older_folders_keep_their_order(tmp_path):
     cells = np.asarray((old.particles.position - np.array(old.grid.origin)[:, None]) / old.grid.cell)
     assert (np.lexsort(np.floor(cells)[::-1]) == np.arange(cells.shape[1])).all()
     assert not (np.asarray(new.particles.position) == np.asarray(old.particles.position)).all()
+
+
+def test_gaps_of_older_folders_stay_with_their_particles(tmp_path):
+    (tmp_path / "scene.toml").write_text(SAND + "\n[defaults]\ncfl = 0.9\ngap_memory = true\n")
+    (new, _), (old, _) = (
+        built(parse(settled(SAND, folder)), "rough", at_rest=False) for folder in (tmp_path / "new", tmp_path)
+    )
+    assert (new.cell_average, new.gap_average) == (True, True)
+    assert (old.cell_average, old.gap_average) == (True, False)
 
 
 class _Looked(Exception):

@@ -115,7 +115,7 @@ def test_averages_over_cells_gather_nothing_unless_asked_for():
         plain, asked = section(soil, cell_average=False), section(soil, cell_average=True)
         assert scatters(*asked) == scatters(*plain) + 2 * more
         assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
-    assert not section()[0].cell_average
+    assert scatters(*section(SOIL, cell_average=True, gap_average=False)) == scatters(*section()) + 4
 
 
 def test_affine_transfers_are_absent_from_state_and_program_unless_asked_for():

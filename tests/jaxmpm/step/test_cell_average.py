@@ -217,7 +217,7 @@ def test_a_gap_belongs_to_its_cell():
     assert np.allclose(after, within_cells(scene.grid, maps.position, opened, volume), rtol=1e-5)
     assert float(jnp.max(jnp.abs(after - opened))) > 0.005
     assert np.isclose(jnp.sum(volume * after), jnp.sum(volume * opened), rtol=1e-5)
-    local = update_stress(replace(scene, cell_average=False), loose, still, jnp.asarray(1e-4, jnp.float32), maps).gap
+    local = update_stress(replace(scene, gap_average=False), loose, still, jnp.asarray(1e-4, jnp.float32), maps).gap
     assert np.array_equal(local, opened)
 
 
