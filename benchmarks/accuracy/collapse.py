@@ -25,6 +25,7 @@ class Numerics(TypedDict, total=False):
     """Choices of a `jaxmpm.Discretisation`."""
 
     kernel: type[Kernel]
+    scheme: mpm.Scheme
     flip: float
     pic_damping: float
     xpic: int

@@ -202,8 +202,9 @@ def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb) -> R
     """A column of dry sand: lengths over its width.
 
     Its front is where the deposit is `THICK`. `grains_m` is that of the farthest grains that lie together, the end of a
-    film that a continuum has and sand has not. FLIP with the damping by XPIC(2) that the settings recommend for sand:
-    APIC loses energy on coarse cells, and sand that rings creeps.
+    film that a continuum has and sand has not. The scheme, USL, and the damping by XPIC(2) are those that the settings
+    recommend for sand: APIC loses energy on coarse cells, and sand that rings creeps. MUSL strains soil by another
+    velocity than that which moves it, so that sand rings.
 
     Args:
         aspect: height over width.
@@ -211,8 +212,8 @@ def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb) -> R
         criterion: class of the law.
     """
     rate = math.sqrt(GRAVITY / aspect)
-    transfers: Numerics = {"flip": 1.0, "apic": False, "pic_damping": rate, "xpic": 2}
-    slide = column(aspect, cell, criterion=criterion, numerics=transfers)
+    choices: Numerics = {"scheme": mpm.Scheme.USL, "flip": 1.0, "apic": False, "pic_damping": rate, "xpic": 2}
+    slide = column(aspect, cell, criterion=criterion, numerics=choices)
     row = slide.row()
     x = np.asarray((slide.scene.particles.position + slide.state.displacement)[0], float)
     thick = thick_front(x, np.asarray(slide.scene.particles.volume, float), THICK * aspect, 1 / 8) - 1
