@@ -26,6 +26,7 @@ class Numerics(TypedDict, total=False):
 
     kernel: type[Kernel]
     scheme: mpm.Scheme
+    cfl: float
     flip: float
     pic_damping: float
     xpic: int

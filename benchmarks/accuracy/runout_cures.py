@@ -26,7 +26,7 @@ from benchmarks.accuracy.collapse import DEFAULTS, Numerics
 from benchmarks.accuracy.runout_convergence import RUN_OUTS
 from benchmarks.accuracy.runout_slides import LONG_TOE, Slide, Tables, clay_dam, column, of_scene
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
-from jaxmpm import GIMP, QuadraticBSpline, diagnostics, solve
+from jaxmpm import GIMP, QuadraticBSpline, Scheme, diagnostics, solve
 
 PAIRS, STEPS = 5, 200
 """Short runs that a price is the median of, and their steps."""
@@ -65,6 +65,7 @@ CURES: Mapping[str, Cure] = {
     "xpic(2), each step": Cure({**FLIP, "flip": 0.0, "xpic": 2}),
     "xpic(5), each step": Cure({**FLIP, "flip": 0.0, "xpic": 5}),
     "pic_damping 1, xpic(2)": Cure({**FLIP, "xpic": 2}, decay=1.0),
+    "usl": Cure({**FLIP, "scheme": Scheme.USL, "cfl": 0.7}),
     "flip, b-spline": Cure({**FLIP, "kernel": QuadraticBSpline}),
     "apic": Cure({"kernel": QuadraticBSpline, "flip": 0.0, "apic": True}),
     "own settings, gap forgotten": Cure(DEFAULTS, gap_memory=False),

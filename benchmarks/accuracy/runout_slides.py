@@ -203,8 +203,8 @@ def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb) -> R
 
     Its front is where the deposit is `THICK`. `grains_m` is that of the farthest grains that lie together, the end of a
     film that a continuum has and sand has not. The scheme, USL, and the damping by XPIC(2) are those that the settings
-    recommend for sand: APIC loses energy on coarse cells, and sand that rings creeps. MUSL strains soil by another
-    velocity than that which moves it, so that sand rings.
+    recommend for sand. APIC loses energy on coarse cells. With MUSL the waves that the flow sends into the heap stay,
+    and sand that rings creeps.
 
     Args:
         aspect: height over width.
