@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Protocol
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -105,9 +106,12 @@ def grid_to_particles(
 ) -> tuple[State, Array]:
     """Particles after the motion of the grid, and the velocity gradient (d, d, N) 1/s at them if `strain`."""
     d = scene.grid.dimension
-    fields = jnp.concatenate([motion.velocity, motion.acceleration], axis=1)
-    values, gradient = maps.to_particles(fields, values=2 * d, gradients=d if strain else 0)
-    pic_velocity, change = jnp.split(values, 2)
+    fields = [motion.velocity, motion.acceleration]
+    if nodal.history_change is not None:
+        fields.append(nodal.history_change)
+    given = jnp.concatenate(fields, axis=1)
+    values, gradient = maps.to_particles(given, values=given.shape[1], gradients=d if strain else 0)
+    pic_velocity, change, averaged = jnp.split(values, [d, 2 * d])
     flip_velocity = state.velocity + dt * change
     flip = scene.flip if scene.pic_damping is None else jnp.exp(-scene.pic_damping * dt)
     filtered = pic_velocity
@@ -118,6 +122,10 @@ def grid_to_particles(
         displacement=state.displacement + dt * pic_velocity,
         velocity=flip_velocity if flip is None else flip * flip_velocity + (1 - flip) * filtered,
     )
+    if nodal.history_change is not None:
+        leaves, structure = jax.tree.flatten(state.history)
+        changed = [leaf + own for leaf, own in zip(leaves, averaged, strict=True)]
+        state = replace(state, history=jax.tree.unflatten(structure, changed))
     if state.affine is not None:
         affine = velocity_gradient(scene.grid, maps.position, maps.unfold(motion.velocity), maps.from_all_nodes)
         state = replace(state, affine=affine)

@@ -199,6 +199,8 @@ class State:
             (xx, yy, zz, xy, yz, xz) in 3D.
         volume_ratio: (N,) current over initial volume.
         history: of the material, (N,) or a pytree of such arrays; None for a law without.
+        unaveraged: change of the history in the last step, which the next one averages over neighbours and adds; None
+            unless the scene averages it.
         step: () steps taken so far.
         status: () of the lane, see `Status`.
         affine: (d, d, N) velocity gradient of APIC (1/s); None without.
@@ -217,5 +219,6 @@ class State:
     status: Array
     affine: Array | None = None
     gap: Array | None = None
+    unaveraged: History = None
     columns: Columns | None = None
     free_field: tuple[State, State] | None = None

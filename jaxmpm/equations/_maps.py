@@ -76,9 +76,14 @@ class Maps(NamedTuple):
     def average(self, values: Array, passes: int) -> Array:
         """Average (N,) of `values` (N,) over the particles nearby, weighted by mass, through `passes` filters."""
         m = self.scene.particles.mass
-        nodal = filtered(self.scene.grid, self.to_grid(jnp.stack([m, m * values]), None), passes)
-        averaged, _ = self.to_particles(reciprocal(self.scene, nodal[:, :1]) * nodal[:, 1:], values=1, gradients=0)
+        sums = self.to_grid(jnp.stack([m, m * values]), None)
+        averaged, _ = self.to_particles(self.nodal_average(sums, passes), values=1, gradients=0)
         return averaged[0]
+
+    def nodal_average(self, sums: Array, passes: int) -> Array:
+        """Averages (nodes, c) from sums (nodes, 1 + c) of mass (kg) and of values by mass, through `passes` filters."""
+        sums = filtered(self.scene.grid, sums, passes)
+        return reciprocal(self.scene, sums[:, :1]) * sums[:, 1:]
 
     def cell_average(self, values: Array, volume: Array) -> Array:
         """Average (N,) of `values` (N,) over each cell by `volume` (N,) m3; soil with friction and other soil apart."""

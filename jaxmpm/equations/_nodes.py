@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -41,6 +42,7 @@ class Nodal(NamedTuple):
         force: (nodes, d) N; None before there is one.
         per_mass: (nodes, d) 1 / mass (1/kg), 0 at nodes without mass and for components that walls hold.
         area: (nodes,) area of soil on a wall or the base (m2), at their nodes; None if they do not need it.
+        history_change: (nodes, leaves) average change of the history in the step before; None if it is not averaged.
         beyond: action of the free field; None without.
     """
 
@@ -49,6 +51,7 @@ class Nodal(NamedTuple):
     force: Array | None
     per_mass: Array
     area: Array | None = None
+    history_change: Array | None = None
     beyond: Beyond | None = None
 
 
@@ -67,8 +70,10 @@ class GridMotion(NamedTuple):
 def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool = True) -> Nodal:
     """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
     particles, grid = scene.particles, scene.grid
-    carried = [particles.mass[None], momentum(scene, state, maps.position)]
-    volume, area = particles.volume * state.volume_ratio, None
+    volume, area, average = particles.volume * state.volume_ratio, None, None
+    averaged = [] if scene.nonlocal_passes is None else jax.tree.leaves(state.unaveraged)
+    weighed = jnp.stack([particles.mass, *(particles.mass * change for change in averaged)])
+    carried = [weighed, momentum(scene, state, maps.position)]
     external = external_force(scene, maps.position, state.step * dt)
     if external is not None:
         carried.append(external)
@@ -81,14 +86,18 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     blocks = jnp.split(nodal, ends, axis=1)
     if bonded(scene):
         area = area_covered(scene, maps.fold(blocks.pop(0))[:, 0])
-    mass, moving, *forces = blocks
-    mass = tensors.spread(maps.fold(mass), grid.dimension, axis=1)
+    sums, moving, *forces = blocks
+    sums = maps.fold(sums)
+    if scene.nonlocal_passes is not None:
+        average = maps.nodal_average(sums, scene.nonlocal_passes)
+    mass = tensors.spread(sums[:, :1], grid.dimension, axis=1)
     return Nodal(
         mass=mass,
         momentum=maps.momentum(moving),
         force=maps.fold(sum(forces[1:], forces[0])) if forces else None,
         per_mass=reciprocal(scene, hold(scene, mass, math.inf)),
         area=area,
+        history_change=average,
     )
 
 

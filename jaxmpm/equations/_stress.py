@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -64,15 +63,17 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
         # As the strain is: otherwise loose particles lie for ever beside those that bear their weight.
         gap = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
     stress, history, gap = update_with_gap(scene.material, *given, gap=gap, logarithmic=scene.finite_strain)
+    unaveraged = state.unaveraged
     if scene.nonlocal_passes is not None:
-        smooth = partial(maps.average, passes=scene.nonlocal_passes)
-        history = jax.tree.map(lambda new, old: old + smooth(new - old), history, state.history)
+        # The next step's transfers average it: transfers of its own would cost a fifth of a step.
+        unaveraged, history = jax.tree.map(operator.sub, history, state.history), state.history
     if scene.finite_strain:
         # Stored first: otherwise XLA on CPU divides all components in the one loop that computes them.
         components = tensors.compress(tensors.row_by_row(stress), d) / strained.volume_ratio
     else:
         components = tensors.compress(stress, d)
-    return replace(state, stress=components, history=history, gap=gap, volume_ratio=strained.volume_ratio)
+    state = replace(state, stress=components, history=history, unaveraged=unaveraged, gap=gap)
+    return replace(state, volume_ratio=strained.volume_ratio)
 
 
 class Strained(NamedTuple):

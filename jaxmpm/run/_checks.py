@@ -19,8 +19,8 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
         axes: leaves of the scene that have lanes first, None without lanes.
 
     Raises:
-        ValueError: If the state is of other particles or another precision, lacks lanes, or lacks the history or the
-            gap of its law.
+        ValueError: If the state is of other particles or another precision, lacks lanes, or lacks the history, its
+            unaveraged change or the gap of its law.
     """
     leading = () if axes is None else np.shape(state.status)
     wanted = (*leading, *scene.particles.position.shape[-2:])
@@ -42,6 +42,11 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
         raise ValueError(
             f"the state's history is not that of {type(law).__name__}: give the state that was built with this law, or "
             "replace(state, history=scene.material.initial_history(scene.particles))"
+        )
+    if scene.nonlocal_passes is not None and jax.tree.structure(state.unaveraged) != expected:
+        raise ValueError(
+            "the scene averages the change of the history over neighbours, and the state has none: give the state that "
+            "was built with it, or replace(state, unaveraged=jax.tree.map(jnp.zeros_like, state.history))"
         )
     if state.gap is None and remembers_gap(scene.material):
         raise ValueError(

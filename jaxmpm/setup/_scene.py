@@ -152,14 +152,16 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
         State.
     """
     particles, d = scene.particles, scene.grid.dimension
+    history = scene.material.initial_history(particles)
     return State(
         displacement=jnp.zeros_like(particles.position),
         velocity=jnp.zeros_like(particles.position),
         stress=jnp.zeros((len(CARRIED[d]), *particles.mass.shape), particles.mass.dtype),
         volume_ratio=jnp.ones_like(particles.mass),
-        history=scene.material.initial_history(particles),
+        history=history,
         step=jnp.zeros((), jnp.int32),
         status=jnp.asarray(int(Status.RUNNING), jnp.int32),
         affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
         gap=jnp.zeros_like(particles.mass) if remembers_gap(scene.material) else None,
+        unaveraged=None if scene.nonlocal_passes is None else jax.tree.map(jnp.zeros_like, history),
     )

@@ -1,5 +1,7 @@
 """Collapse loads against limit analysis, and the cures: F-bar against locking, averaged strain against the mesh."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -78,6 +80,22 @@ def test_average_over_neighbours_keeps_a_constant_and_widens_a_spike_to_its_leng
     deviation = np.sqrt(np.sum(spike * (np.asarray(x[0]) - centre) ** 2) / np.sum(spike))
     assert np.isclose(np.sum(spike), 1, rtol=1e-3)
     assert np.isclose(deviation, length, rtol=0.05)
+
+
+@pytest.mark.parametrize("scheme", mpm.Scheme)
+def test_the_next_step_adds_the_average_of_the_plastic_strain(scheme, x64):
+    from jaxmpm.equations import Maps, grid_position
+
+    soil = mpm.Soil(young=1e7, strength=5e3, softening_modulus=60e3, tension_cutoff=None)
+    numerics = mpm.Discretisation(1.0, (0.5, 0.5), internal_length=1.0, scheme=scheme, dtype="float64")
+    scene, state = mpm.slope(CUT, soil, numerics)
+    before = mpm.advance(scene, state, 30)
+    after = mpm.advance(scene, before, 1)
+    average = Maps(scene, grid_position(scene, before)).average(before.unaveraged, scene.nonlocal_passes)
+    assert float(jnp.max(average)) > 1e-5
+    assert np.allclose(after.history, before.history + average, rtol=1e-12, atol=1e-15)
+    with pytest.raises(ValueError, match="averages the change of the history"):
+        mpm.solve(scene, replace(state, unaveraged=None), t_end=1.0)
 
 
 def test_softening_scaled_by_the_cell_takes_the_same_work_per_band():
