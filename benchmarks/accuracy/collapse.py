@@ -31,6 +31,9 @@ class Numerics(TypedDict, total=False):
     pic_damping: float
     xpic: int
     apic: bool
+    fbar: bool
+    cell_average: bool
+    gap_average: bool
 
 
 DEFAULTS: Numerics = {}
