@@ -71,7 +71,8 @@ class Scene:
         fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking;
             static.
         cell_average: whether the volumetric strain alone is averaged, over each cell; static.
-        gap_average: whether the gap that a tension cutoff has opened is averaged there, too; static.
+        gap_average: whether the gap that a tension cutoff has opened in soil with friction is averaged there, too;
+            static.
         finite_strain: whether elasticity uses Hencky strains instead of the Jaumann rate; yield then applies to J times
             the stress; static.
         xpic: transfers to the grid and back that the share of PIC filters by, see `Discretisation`; static.

@@ -33,7 +33,6 @@ class Numerics(TypedDict, total=False):
     apic: bool
     fbar: bool
     cell_average: bool
-    gap_average: bool
 
 
 DEFAULTS: Numerics = {}

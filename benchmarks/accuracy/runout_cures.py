@@ -68,7 +68,7 @@ CURES: Mapping[str, Cure] = {
     "usl": Cure({**FLIP, "scheme": Scheme.USL, "cfl": 0.7}),
     "flip, b-spline": Cure({**FLIP, "kernel": QuadraticBSpline}),
     "apic": Cure({"kernel": QuadraticBSpline, "flip": 0.0, "apic": True}),
-    "average over cells, own gaps": Cure({"fbar": False, "cell_average": True, "gap_average": False}),
+    "average over cells": Cure({"fbar": False, "cell_average": True}),
     "own settings, gap forgotten": Cure(DEFAULTS, gap_memory=False),
 }
 

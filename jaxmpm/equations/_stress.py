@@ -60,8 +60,9 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
     given = strained.strain, strained.stress, state.history, dt
     gap = state.gap
     if gap is not None and scene.gap_average:
-        # As the strain is: otherwise loose particles lie for ever beside those that bear their weight.
-        gap = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
+        # As the strain is: otherwise loose sand lies for ever beside sand that bears its weight. Clay loses energy.
+        averaged = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
+        gap = jnp.where(frictional(scene.material), averaged, gap)
     stress, history, gap = update_with_gap(scene.material, *given, gap=gap, logarithmic=scene.finite_strain)
     unaveraged = state.unaveraged
     if scene.nonlocal_passes is not None:

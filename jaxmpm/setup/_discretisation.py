@@ -48,8 +48,8 @@ class Discretisation:
         fbar: average volumetric strain and mean stress over neighbours, against locking; not for frictional soils.
         cell_average: instead, average the volumetric strain over each cell and leave the mean stress local; None does
             so for frictional soils in 2D and 3D.
-        gap_average: average the gap that a tension cutoff has opened where `cell_average` averages the strain; without,
-            as in earlier versions, half of a deposit of sand lies loose.
+        gap_average: average the gap that a tension cutoff has opened in soil with friction, where `cell_average`
+            averages the strain; without, as in earlier versions, half of a deposit of sand lies loose.
         finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, at
             which the hypoelastic stress of the Jaumann rate creates or loses energy.
         internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which prevents

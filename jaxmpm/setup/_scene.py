@@ -10,9 +10,7 @@ import numpy as np
 
 from foundation import check
 from jaxmpm.grid import Grid, Particles
-from jaxmpm.laws import (
-    remembers_gap,
-)
+from jaxmpm.laws import frictional, remembers_gap
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._choices import (
     check_boundary,
@@ -119,7 +117,7 @@ def scene(
         engine=engine,
         fbar=bool(numerics.fbar),
         cell_average=average,
-        gap_average=average and bool(numerics.gap_average),
+        gap_average=average and bool(numerics.gap_average) and frictional(material) is not False,
         finite_strain=bool(numerics.finite_strain),
         xpic=numerics.xpic,
         nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
