@@ -79,6 +79,11 @@ def with_uneven_softening(scene: Scene, state: State) -> tuple[Scene, State]:
     return mpm.with_soil(scene, state, **values)
 
 
+def with_averaged_plastic_strain(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Plastic strain averaged over neighbours, through one filter."""
+    return replace(scene, nonlocal_passes=1), replace(state, unaveraged=jnp.zeros_like(state.history))
+
+
 def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
     """A water table of two points at half the height."""
     x, z = scene.particles.position[0], scene.particles.position[-1]
@@ -202,7 +207,7 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "finite strains (Hencky)": (with_scene(finite_strain=True), unchanged),
     "finite strains, elastic": (stretched(without_yielding), without_yielding),
     "finite strains, friction (Mohr-Coulomb)": (stretched(on_a_pyramid), on_a_pyramid),
-    "averaged plastic strain": (with_scene(nonlocal_passes=1), unchanged),
+    "averaged plastic strain": (with_averaged_plastic_strain, unchanged),
     "water table": (with_table, unchanged),
     "pore pressure of particles (r_u)": (
         lambda scene, state: (replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state),
