@@ -200,13 +200,13 @@ class State:
             (xx, yy, zz, xy, yz, xz) in 3D.
         volume_ratio: (N,) current over initial volume.
         history: of the material, (N,) or a pytree of such arrays; None for a law without.
-        unaveraged: change of the history in the last step, which the next one averages over neighbours and adds; None
-            unless the scene averages it.
         step: () steps taken so far.
         status: () of the lane, see `Status`.
         affine: (d, d, N) velocity gradient of APIC (1/s); None without.
         gap: (N,) growth in volume, as a logarithm, that soil has opened under its tension cutoff and not closed since;
             None for a law without memory of it.
+        unaveraged: change of the history in the last step, which the next one averages over neighbours and adds; None
+            unless the scene averages it.
         columns: record of the soil over each column of cells, see `with_columns`; None without.
         free_field: states of the scene's free field, of its low and its high column; None without.
     """
