@@ -6,6 +6,7 @@ mapped again, and the velocity gradient strains the soil. The schemes differ onl
 
 from __future__ import annotations
 
+import operator
 from dataclasses import replace
 from typing import Protocol
 
@@ -123,9 +124,8 @@ def grid_to_particles(
         velocity=flip_velocity if flip is None else flip * flip_velocity + (1 - flip) * filtered,
     )
     if nodal.history_change is not None:
-        leaves, structure = jax.tree.flatten(state.history)
-        changed = [leaf + own for leaf, own in zip(leaves, averaged, strict=True)]
-        state = replace(state, history=jax.tree.unflatten(structure, changed))
+        change_of_history = jax.tree.unflatten(jax.tree.structure(state.history), list(averaged))
+        state = replace(state, history=jax.tree.map(operator.add, state.history, change_of_history))
     if state.affine is not None:
         affine = velocity_gradient(scene.grid, maps.position, maps.unfold(motion.velocity), maps.from_all_nodes)
         state = replace(state, affine=affine)

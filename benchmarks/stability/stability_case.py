@@ -124,11 +124,8 @@ class Energies:
 def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.State, Energies]:
     """The state after `steps`, and where the energy went on the way."""
     scene = replace(scene, material=Metered(scene.material, scene.finite_strain))
-    fresh = scene.material.initial_history(scene.particles)
-    counted = state.history, *fresh[1:]
-    state = replace(state, history=counted)
-    if scene.nonlocal_passes is not None:
-        state = replace(state, unaveraged=jax.tree.map(jnp.zeros_like, counted))
+    fresh = mpm.unstressed(scene)
+    state = replace(state, history=(state.history, *fresh.history[1:]), unaveraged=fresh.unaveraged)
     m, dt = scene.particles.mass, scene.time_step
 
     def one(_: Any, carry: tuple[mpm.State, Array, Array]) -> tuple[mpm.State, Array, Array]:
@@ -147,9 +144,7 @@ def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.Sta
 
     zero = jnp.zeros_like(dt)
     final, damped, pushed = jax.lax.fori_loop(0, steps, one, (state, zero, zero))
-    dissipated = final.history[1]
-    if scene.nonlocal_passes is not None:
-        dissipated += final.unaveraged[1]
+    dissipated = final.history[1] if final.unaveraged is None else final.history[1] + final.unaveraged[1]
     energies = Energies(
         kinetic=centred_kinetic(scene, final) - centred_kinetic(scene, state),
         elastic=diagnostics.elastic_energy(scene, final) - diagnostics.elastic_energy(scene, state),

@@ -46,7 +46,7 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
     if scene.nonlocal_passes is not None and jax.tree.structure(state.unaveraged) != expected:
         raise ValueError(
             "the scene averages the change of the history over neighbours, and the state has none: give the state that "
-            "was built with it, or replace(state, unaveraged=jax.tree.map(jnp.zeros_like, state.history))"
+            "was built with it, or replace(state, unaveraged=unstressed(scene).unaveraged)"
         )
     if state.gap is None and remembers_gap(scene.material):
         raise ValueError(
