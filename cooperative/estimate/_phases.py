@@ -180,7 +180,9 @@ class Phases:
             return Estimate(0.0, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
         weight = np.array([self.zones[n].weight if self.zones else 1.0 for n in known])
         size = effective_size(weight)
-        failed = size * float(weight @ np.array(list(known.values()), float)) / float(weight.sum())
+        fails = np.array(list(known.values()), bool)
+        # Sums of the same array: where all fail, rounding would else make more failures than samples.
+        failed = size * float(weight[fails].sum() / weight.sum())
         return binomial(method, failed, size, 0, notes=tuple(notes))
 
     @cached_property

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from cooperative import Population, two_phase
-from cooperative.estimate import Sampling, TwoPhase, all_samples, draw_samples
+from cooperative.estimate import Phases, Sampling, TwoPhase, Zone, all_samples, draw_samples
 from cooperative.estimate._nested import zone_variance
 
 N = 400
@@ -102,6 +102,16 @@ def test_drawn_samples_stand_for_all_only_together():
     known = results(coarse)
     del known[next(iter(zones))]
     assert all_samples(replace(sampling, rough_samples=20, zones=zones), known) is None
+
+
+@given(st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=30), st.booleans())
+def test_the_share_of_a_screening_that_is_not_complete_is_none_or_all_where_all_answers_agree(weights, fail):
+    """Of any weights: rounding makes no more failures than samples."""
+    zones = {number: Zone(weight, 0.0, weight, len(weights)) for number, weight in enumerate(weights)}
+    rough = {number: (2.0 if fail else 0.5, False) for number in zones}
+    estimate = Phases(TwoPhase(), 1.0, rough, planned=2 * len(weights), zones=zones).estimate
+    assert estimate.probability == pytest.approx(float(fail))
+    assert estimate.interval[0] <= estimate.probability <= estimate.interval[1]
 
 
 def test_the_estimate_covers_the_truth_and_is_unbiased():
