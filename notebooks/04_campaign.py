@@ -38,8 +38,8 @@ style()
 #
 # A campaign is described by a TOML file, checked before anything runs: an unknown key or a length that does not fit
 # the grid is named at once. This is `benchmarks/scenes/section.toml` with a budget of refined runs. It does not say
-# how softening depends on the grid, so it gets the default: F-bar, and shear bands as thick on either grid, a fifth of
-# the slope's height (`softening_length`).
+# how answers depend on the grid, so it gets the defaults: volumetric strain averaged over cells, which cures locking,
+# and shear bands as thick on either grid, a fifth of the slope's height (`softening_length`).
 
 # %%
 scene = f"""

@@ -162,11 +162,11 @@ def clay_dam(cell: float, *, gap_memory: bool = True, numerics: Numerics = DEFAU
     Args:
         cell: edge of the cells (m).
         gap_memory: as for `jaxmpm.Soil`.
-        numerics: numerical choices in place of F-bar alone.
+        numerics: numerical choices in place of the average over cells alone.
     """
     length, height, friction = 10.0, 5.0, 0.2
     soil = mpm.Soil(strength=10e3, unit_weight=20e3, young=1e7, poisson=0.3, tension_cutoff=0.0, gap_memory=gap_memory)
-    choices = replace(mpm.Discretisation(cell, (cell / 2,) * 2, fbar=True), **numerics)
+    choices = replace(mpm.Discretisation(cell, (cell / 2,) * 2, cell_average=True), **numerics)
     scene, state = mpm.block(
         (length, height), soil, choices, domain=(6 * length, height + 2 * cell), corner=(0.0, 0.0),
         gravity=(0.0, -9.81), walls="roller", speed=float(np.sqrt(2 * 9.81 * height)),

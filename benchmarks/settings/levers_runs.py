@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.csv_rows import Row, appending, number, read_rows, size, whole, word
-from benchmarks.measure import ROOT, scene_campaign
+from benchmarks.measure import ROOT
 from benchmarks.statistics.section_pairs import study
 from cooperative import runs
 from cooperative.measure import Consequences, consequences
@@ -66,7 +66,7 @@ def main() -> None:
 
 def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     scene, grid, spacing, cfl, until = variant
-    campaign = study(scene_campaign(scene))
+    campaign = study(scene)
     shape = replace(campaign.grids[grid], spacing=(spacing, spacing), cfl=cfl)
     campaign = replace(campaign, rough=shape) if grid == "rough" else replace(campaign, refined=shape)
     soil = runs.random_soil(campaign)

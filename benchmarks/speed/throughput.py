@@ -24,7 +24,7 @@ from benchmarks.measure import Report, on_cores
 ROUGH = {"scene": "paper", "grid": "rough"}
 REFINED = {"scene": "paper", "grid": "refined"}
 DEFAULT = {"scene": "slope"}
-"""F-bar and bands as thick on every grid, which the published scenes do without."""
+"""Strain averaged over cells and bands as thick on every grid, which the published scenes do without."""
 SECTION = {"scene": "paper_section", "grid": "refined"}
 
 # name -> (cores, case); a case on more cores than there are is left out.

@@ -20,7 +20,7 @@ from benchmarks.csv_rows import Row, appending, head, read_rows, size, text, who
 from benchmarks.measure import ROOT, machine, scene_campaign
 from cooperative import runs
 from cooperative.scene import Calibration, Campaign, factors_of_safety
-from cooperative.store import Sample
+from cooperative.store import FIRST_DEFAULTS, Sample
 
 DATA = ROOT / "benchmarks" / "data"
 STUDIES = {
@@ -60,19 +60,16 @@ def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
     return read_rows(path, COLUMNS, ("number",), comments=2)
 
 
-def study(campaign: Campaign) -> Campaign:
-    """A scene with the samples of this study, all of which get a mode, as it was when its files were made."""
-    campaign = replace(campaign, soil=replace(campaign.soil, gap_memory=False))
-    rough, refined = (replace(campaign.grids[grid], cfl=0.5) for grid in ("rough", "refined"))
-    return replace(
-        campaign, rough=rough, refined=refined, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined"))
-    )
+def study(scene: str) -> Campaign:
+    """A scene with the samples of this study, all of which get a mode, and the defaults of when its files were made."""
+    campaign = scene_campaign(scene, FIRST_DEFAULTS)
+    return replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
 
 
 def main() -> None:
     """Run what is missing, one sample after the other."""
     for scene, path in STUDIES.values():
-        _complete(study(scene_campaign(scene)), path)
+        _complete(study(scene), path)
 
 
 def _complete(campaign: Campaign, path: Path) -> None:

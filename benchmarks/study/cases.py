@@ -123,6 +123,7 @@ def campaign_of(scene: str, changes: Changes) -> Campaign:
         tables[table] |= keys
     for grid in ("rough", "refined"):
         tables[grid].setdefault("cfl", 0.5)
+        tables[grid].setdefault("fbar", True)
     tables["soil"].setdefault("gap_memory", False)
     tables["campaign"].setdefault("valley", EARLIER_VALLEY)
     return parse(to_toml(tables))

@@ -198,7 +198,8 @@ def _stored_grid(model: GridModel) -> StoredGrid:
 def _numerics(model: GridModel) -> str:
     """How a grid's answers depend on its cell, in words."""
     numerics, soil = model.campaign.grids[model.grid], model.campaign.soil
-    words = f"cells of {numerics.cell:g} m, {'F-bar' if numerics.fbar else 'no F-bar'}"
+    average = "volumetric strain averaged over cells" if model.scene.cell_average else "no cure of locking"
+    words = f"cells of {numerics.cell:g} m, {'F-bar' if model.scene.fbar else average}"
     if not getattr(soil, "softens", False):
         return words
     if numerics.internal_length is not None:

@@ -252,8 +252,9 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
     cells = site.height / numerics.cell
     if higher and cells < CELLS_HIGH:
         yield f"the slope is {cells:.3g} cells high, and coarse cells resist: halve cell and spacing"
-    if higher and not numerics.fbar and any(getattr(soil, "strength", None) is not None for soil in soils):
-        yield "clay on cells without F-bar locks and resists too much: give the grid fbar = true"
+    unlocked = model.scene.fbar or model.scene.cell_average
+    if higher and not unlocked and any(getattr(soil, "strength", None) is not None for soil in soils):
+        yield "clay without a cure of locking resists too much: give the grid cell_average = true"
     thin = [
         each.name
         for each, thickness in zip(site.layers, site.thicknesses, strict=True)

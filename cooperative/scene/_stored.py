@@ -98,6 +98,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
         "early": True,
         "order": "stencil",
         "gap_average": True,
+        "fbar": False,
     }
     return Source(source.text, {**source.beside, "defaults": today})
 

@@ -315,16 +315,18 @@ def _named(table: tables.Campaign) -> Estimator:
 
 
 def _grid(table: tables.Grid, site: Site, soil: AnySoil, defaults: tables.Defaults | None) -> Discretisation:
-    """Answers do not follow the cell, unless the scene says so; no F-bar for ground with a frictional layer."""
+    """Answers do not follow the cell, unless the scene states a choice; `fbar` of either value is one for clay."""
     values = {key: value for key, value in table if value is not None}
     endless = site.ends in ("tied", "free field")
     if table.internal_length == "none" or (endless and table.internal_length is None):
         values["internal_length"] = None
     if defaults is not None:
         values |= {"order": defaults.order, "gap_average": defaults.gap_average}
-    numerics = cell_independent(Discretisation(**values, dtype="float32"), soil)
-    frictional = any(getattr(each.soil, "friction", None) is not None for each in site.soils(soil))
-    return replace(numerics, **{"fbar": numerics.fbar and not frictional, **values})
+        if defaults.fbar and all(getattr(each.soil, "friction", None) is None for each in site.soils(soil)):
+            values.setdefault("fbar", not values.get("cell_average"))
+    if "fbar" in values:
+        values.setdefault("cell_average", None)
+    return replace(cell_independent(Discretisation(**values, dtype="float32"), soil), **values)
 
 
 def _given(scene: tables.Scene, estimator: Estimator | None) -> str | None:

@@ -45,9 +45,9 @@ class Discretisation:
             to the grid and one back to the step.
         apic: carry the velocity gradient; needs quadratic B-splines and flip = 0.
         damping: mass-proportional (1/s).
-        fbar: average volumetric strain and mean stress over neighbours, against locking; not for frictional soils.
-        cell_average: instead, average the volumetric strain over each cell and leave the mean stress local; None does
-            so for frictional soils in 2D and 3D.
+        cell_average: average the volumetric strain over each cell, against locking, and in soil without friction the
+            mean stress that acts; None does so for frictional soils in 2D and 3D. See `cell_independent`.
+        fbar: instead, average both over neighbours; not for frictional soils.
         gap_average: average the gap that a tension cutoff has opened in soil with friction, where `cell_average`
             averages the strain; without, as in earlier versions, half of a deposit of sand lies loose.
         finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, at
@@ -72,8 +72,8 @@ class Discretisation:
     xpic: int = 1
     apic: bool = False
     damping: float = 0.0
-    fbar: bool = False
     cell_average: bool | None = None
+    fbar: bool = False
     gap_average: bool = True
     finite_strain: bool = False
     internal_length: float | None = None
@@ -103,25 +103,27 @@ def kernel_of(discretisation: Discretisation) -> Kernel:
 
 
 def cell_independent(discretisation: Discretisation, soil: AnySoil) -> Discretisation:
-    """Choices that make results independent of the cell: F-bar and averaged plastic strain, where they apply.
+    """Choices that make results independent of the cell: averages of volumetric and of plastic strain.
 
-    F-bar is set for all but frictional soil, whose volumetric strain is averaged over cells anyway. Plastic strain is
-    averaged if soil softens and has a `softening_length`, so that bands are as thick as that. On cells too large for it
-    they stay a cell thick, and softening is scaled.
+    The volumetric strain is averaged over cells in 2D and 3D, unless the choices have `fbar` or `cell_average`. Plastic
+    strain is averaged if soil softens and has a `softening_length`, so that bands are as thick as that. On cells too
+    large for it they stay a cell thick, and softening is scaled.
 
     Args:
         discretisation: cell, spacing and numerical choices.
         soil: to run.
 
     Returns:
-        The choices with `fbar` and `internal_length` set.
+        The choices with `cell_average` and `internal_length` set.
     """
     length, band = None, getattr(soil, "softening_length", None)
     if getattr(soil, "softens", False) and band is not None:
         wanted = length_of_band(band)
         length = wanted if wanted >= kernel_of(discretisation).deviation(discretisation.cell) else None
-    frictional = getattr(soil, "friction", None) is not None
-    return replace(discretisation, fbar=not frictional and not discretisation.cell_average, internal_length=length)
+    average = discretisation.cell_average
+    if average is None:
+        average = not discretisation.fbar and len(discretisation.spacing) > 1
+    return replace(discretisation, cell_average=average, internal_length=length)
 
 
 def check_resolved(what: str, corner: Sequence[float], extent: Sequence[float], discretisation: Discretisation) -> None:

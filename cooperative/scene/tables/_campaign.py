@@ -61,13 +61,13 @@ class Grid(Table):
         False,
     )
     damping: Annotated[float, Within(from_zero("1/s"))] = key("Damping of the velocity.", 0.0, 0.0)
-    fbar: bool | None = key(
-        "F-bar, the cure of volumetric locking.", True, None,
-        otherwise="`true`; `false` where soil has friction, or with `cell_average`",
-    )  # fmt: skip
     cell_average: bool | None = key(
-        "Volumetric strain averaged over each cell: the cure where soil has friction.", True, None,
-        otherwise="`true` where soil has friction, else `false`",
+        "Volumetric strain averaged over each cell, the cure of locking.", True, None,
+        otherwise="`true`; where no soil has friction `false` if `fbar` is given, as either value",
+    )  # fmt: skip
+    fbar: bool | None = key(
+        "F-bar instead, averages over neighbours, the default cure of earlier versions where no soil has friction.",
+        True, None, otherwise="`false`",
     )  # fmt: skip
     internal_length: Length | Literal["none"] | None = key(
         "Length over which plastic strain is averaged.", 2.0, None,

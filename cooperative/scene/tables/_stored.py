@@ -100,6 +100,7 @@ class Defaults(Table):
     early: bool = key("Whether runs may end by `early`.", False, False)
     order: Literal["stencil", "cell"] = key("Of the particles of all grids.", "cell", "cell")
     gap_average: bool = key("Of all grids.", False, False)
+    fbar: bool = key("Of grids on which no soil has friction.", True, True)
 
 
 class GivenEstimator(Table):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.measure import scene_campaign
 from benchmarks.statistics import estimators_section as section
 from benchmarks.statistics.section_pairs import SAMPLES, STUDIES, read, study
 from cooperative import runs
@@ -51,7 +50,7 @@ def test_every_refined_failure_has_a_mode(pairs):
 
 @pytest.mark.parametrize("of", ["default", pytest.param("published", marks=pytest.mark.slow)])
 def test_its_samples_can_be_made_again(of):
-    pairs, campaign = read(of), study(scene_campaign(STUDIES[of][0]))
+    pairs, campaign = read(of), study(STUDIES[of][0])
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
     standing = [int(n) for n in np.flatnonzero(pairs.displacement["rough"] < 0.03)[:3]]

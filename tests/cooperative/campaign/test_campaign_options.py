@@ -45,12 +45,13 @@ def test_subset_simulation_runs_from_a_scene(tmp_path):
 def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
     rough, refined = (parse(TINY).grids[grid] for grid in ("rough", "refined"))
     assert parse(TINY).soil.softening_length == 8.0 / 5
-    assert (rough.fbar, rough.internal_length) == (True, None)
-    assert refined.fbar
+    assert (rough.cell_average, rough.fbar, rough.internal_length) == (True, False, None)
+    assert (refined.cell_average, refined.fbar) == (True, False)
     assert refined.internal_length == pytest.approx(8.0 / 5 / np.sqrt(2 * np.pi))
     published = parse(AS_PUBLISHED)
     assert published.soil.softening_length is None
-    assert {(grid.fbar, grid.internal_length) for grid in published.grids.values()} == {(False, None)}
+    numerics = {(grid.cell_average, grid.fbar, grid.internal_length) for grid in published.grids.values()}
+    assert numerics == {(None, False, None)}
     assert parse(changed("softening_modulus = 85e3\n", "")).soil.softening_length is None
     displacements = []
     for name, text in (("default", TINY), ("published", AS_PUBLISHED)):
@@ -88,9 +89,9 @@ def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(ce
 def test_a_scene_can_choose_how_its_answers_follow_the_cell():
     choices = 'spacing = [0.5, 0.5]\nfbar = false\ninternal_length = "none"'
     campaign = parse(changed("spacing = [0.5, 0.5]", choices))
-    assert not campaign.grids["refined"].fbar
+    assert not campaign.grids["refined"].cell_average
     assert campaign.grids["refined"].internal_length is None
-    assert campaign.grids["rough"].fbar
+    assert campaign.grids["rough"].cell_average
     assert campaign.soil.softening_length == 8.0 / 5
     short = parse(changed("spacing = [0.5, 0.5]", "spacing = [0.5, 0.5]\ninternal_length = 0.1"))
     with pytest.raises(ValueError, match=r"internal_length = 0\.1 m is less than cells"):

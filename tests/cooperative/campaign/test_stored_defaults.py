@@ -8,6 +8,7 @@ from cooperative import campaign, sweep
 from cooperative.scene import built, campaign_of, parse, settled
 from cooperative.store import FIRST_DEFAULTS, open_store, read_store, scene_digest
 from tests.cooperative.campaign.test_campaign import TINY
+from tests.cooperative.scene.test_mixed_scenes import MIXED
 from tests.cooperative.scene.test_random_soil import SAND
 
 
@@ -44,13 +45,14 @@ def test_a_folder_begun_with_a_step_that_is_refused_now_still_opens(tmp_path):
 
 def test_a_folder_keeps_the_default_that_it_was_begun_with(tmp_path):
     source = settled(TINY, tmp_path)
-    today = {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True, "order": "stencil", "gap_average": True}
+    today = {"cfl": 0.9, "gap_memory": True, "valley": 0.5, "early": True, "order": "stencil"}
+    today |= {"gap_average": True, "fbar": False}
     assert source.beside == {"defaults": today}
     with open_store(tmp_path, source) as store:
         assert store.digest == scene_digest(
             TINY
             + "[defaults]\ncfl = 0.9\ngap_memory = true\nvalley = 0.5\nearly = true\norder = 'stencil'\n"
-            + "gap_average = true\n"
+            + "gap_average = true\nfbar = false\n"
         )
     assert (tmp_path / "scene.toml").read_text() == TINY
     stored = (tmp_path / "campaign.json").read_text()
@@ -134,6 +136,32 @@ def test_gaps_of_older_folders_stay_with_their_particles(tmp_path):
     )
     assert (new.cell_average, new.gap_average) == (True, True)
     assert (old.cell_average, old.gap_average) == (True, False)
+
+
+def cures(text):
+    """Whether the average over cells and F-bar, of the rough grid as it is built."""
+    scene, _ = built(parse(text), "rough", at_rest=False)
+    return scene.cell_average, scene.fbar
+
+
+@pytest.mark.parametrize(
+    ("scene", "new", "old"),
+    [
+        (TINY, (True, False), (False, True)),
+        (TINY.replace("[rough]", "[rough]\ncell_average = true"), (True, False), (True, False)),
+        (TINY.replace("[rough]", "[rough]\nfbar = true"), (False, True), (False, True)),
+        (TINY.replace("[rough]", "[rough]\nfbar = false"), (False, False), (False, False)),
+        (TINY.replace("[rough]", "[rough]\ncell_average = false"), (False, False), (False, True)),
+        (SAND, (True, False), (True, False)),
+        (LAYERED, (True, False), (False, True)),
+        (MIXED, (True, False), (True, False)),
+    ],
+)
+def test_grids_of_older_folders_keep_their_cure_of_locking(scene, new, old, tmp_path):
+    before = "\n[defaults]\ncfl = 0.9\ngap_memory = true\norder = 'stencil'\ngap_average = true\n"
+    (tmp_path / "scene.toml").write_text(scene + before)
+    assert cures(settled(scene, tmp_path)) == old
+    assert cures(settled(scene, tmp_path / "new")) == cures(scene) == new
 
 
 class _Looked(Exception):

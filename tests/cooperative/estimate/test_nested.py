@@ -108,7 +108,7 @@ def test_drawn_samples_stand_for_all_only_together():
 def test_the_share_of_a_screening_that_is_not_complete_is_none_or_all_where_all_answers_agree(weights, fail):
     """Of any weights: rounding makes no more failures than samples."""
     zones = {number: Zone(weight, 0.0, weight, len(weights)) for number, weight in enumerate(weights)}
-    rough = {number: (2.0 if fail else 0.5, False) for number in zones}
+    rough = dict.fromkeys(zones, (2.0 if fail else 0.5, False))
     estimate = Phases(TwoPhase(), 1.0, rough, planned=2 * len(weights), zones=zones).estimate
     assert estimate.probability == pytest.approx(float(fail))
     assert estimate.interval[0] <= estimate.probability <= estimate.interval[1]

@@ -154,8 +154,7 @@ def test_defaults_in_words_are_those_of_the_code():
     averaged = parse(in_toml(finest)).grids["rough"].internal_length
     assert averaged == pytest.approx(0.4 * campaign.soil.softening_length, rel=0.01)
     assert campaign.plan.slides is None
-    assert campaign.grids["rough"].fbar
-    assert not parse(in_toml(tiny_with("soil", "dilation", 0.0))).grids["rough"].fbar
+    assert campaign.grids["rough"].cell_average
 
 
 @pytest.mark.parametrize(("section", "name"), KEYS)

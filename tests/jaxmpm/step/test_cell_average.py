@@ -109,7 +109,7 @@ def test_the_kernel_refuses_what_it_cannot_do(changed, message):
             call(*arrays, cells=np.int64(given["cells"]))
 
 
-def test_soil_with_friction_has_it_by_default_and_clay_does_not():
+def test_a_discretisation_has_it_by_default_for_soil_with_friction_only():
     def averages(soil, **choices):
         return mpm.slope(SHAPE, soil, replace(NUMERICS, **choices), at_rest=False)[0].cell_average
 
@@ -117,7 +117,6 @@ def test_soil_with_friction_has_it_by_default_and_clay_does_not():
     assert not averages(SAND, cell_average=False)
     assert not averages(mpm.Soil(strength=2e4))
     assert not mpm.column(4.0, SAND, mpm.Discretisation(1.0, (0.5,)), at_rest=False)[0].cell_average
-    assert not mpm.cell_independent(replace(NUMERICS, cell_average=True), mpm.Soil(strength=2e4)).fbar
     with pytest.raises(ValueError, match="fbar = True with cell_average = True"):
         mpm.slope(SHAPE, mpm.Soil(strength=2e4), replace(NUMERICS, fbar=True, cell_average=True))
 

@@ -119,7 +119,7 @@ def test_work_of_a_band_is_that_of_the_internal_length_whatever_the_cell(x64):
 def test_cell_independent_choices_give_bands_the_thickness_that_the_soil_asks_for(cell):
     clay = replace(CLAY, softening_length=2.4)
     numerics = mpm.cell_independent(mpm.Discretisation(cell, (cell / 2,) * 2), clay)
-    assert numerics.fbar
+    assert numerics.cell_average
     shape = mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
     modulus = float(mpm.slope(shape, clay, numerics, at_rest=False)[0].material.softening.modulus)
     if cell > 1.5:  # too large for an average: the band is a cell thick
@@ -133,5 +133,8 @@ def test_cell_independent_choices_give_bands_the_thickness_that_the_soil_asks_fo
 def test_cell_independent_choices_leave_out_what_a_soil_cannot_have():
     numerics = mpm.Discretisation(0.5, (0.25, 0.25))
     for soil in (CLAY, replace(CLAY, softening_modulus=None, softening_length=2.4), mpm.Soil()):
-        assert mpm.cell_independent(numerics, soil) == replace(numerics, fbar=True)
-    assert mpm.cell_independent(numerics, mpm.FrictionalSoil(cohesion=1e3, friction=30.0)) == numerics
+        assert mpm.cell_independent(numerics, soil) == replace(numerics, cell_average=True)
+        for own in (replace(numerics, fbar=True), replace(numerics, cell_average=False)):
+            given = mpm.cell_independent(own, soil)
+            assert (given.cell_average, given.fbar) == (False, own.fbar)
+    assert not mpm.cell_independent(mpm.Discretisation(0.5, (0.25,)), CLAY).cell_average
