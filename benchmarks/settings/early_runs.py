@@ -37,7 +37,7 @@ class Case:
     defaults: str = ""
 
 
-BY_FBAR = "\n[defaults]\ncfl = 0.9\ngap_memory = true\n"
+BY_FBAR = "\n[defaults]\ncfl = 0.9\ngap_memory = true\nearly = true\norder = 'stencil'\n"
 
 CASES = {
     "section, rough": Case("paper_section", "rough", 400, 400),
