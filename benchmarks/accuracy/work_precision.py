@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 import jaxmpm as mpm
 from benchmarks.accuracy.collapse import collapsed
@@ -301,6 +302,7 @@ def theory(rows: list[Row]) -> Figure:
                 color=f"C{number % 10}", label=name,
             )  # fmt: skip
         axis.set(xlabel="seconds", title=problem)
+        axis.xaxis.set_minor_formatter(NullFormatter())  # less than a decade
     axes[0].set(ylabel="error")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return figure
