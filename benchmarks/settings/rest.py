@@ -16,7 +16,6 @@ import numpy as np
 
 from benchmarks.csv_rows import ENDED, Row, appending, optional, read_rows, size, whole, word
 from benchmarks.measure import ROOT, Report, scene_campaign
-from benchmarks.settings.early_runs import BY_FBAR
 from cooperative import runs
 from cooperative.measure import SEVERITY
 from cooperative.runs import GridModel
@@ -31,20 +30,19 @@ AMOUNTS = ("volume", "area")
 
 @dataclass(frozen=True)
 class Case:
-    """Slides of a scene's grid: how many, a factor on the strength, and `defaults` as for `scene_campaign`."""
+    """Slides of a scene's grid: how many, and a factor on the strength."""
 
     scene: str
     grid: str
     slides: int
     factor: float = 1.0
-    defaults: str = ""
 
 
 SAMPLES = 1000
 """Of each case, more than it takes for the slides."""
 CASES = {
     "section, published": Case("paper_section", "refined", 50),
-    "section, default": Case("section", "refined", 50, defaults=BY_FBAR),
+    "section, default": Case("section", "refined", 50),
     "3D, published, rough grid calibrated": Case("paper", "rough", 10, 1.18 / 1.29),
 }
 MODE = optional(word(*SEVERITY))
@@ -76,7 +74,7 @@ def main() -> None:
 
 def prepared(case: Case) -> tuple[GridModel, np.ndarray]:
     """The model of a case, whose runs end as its scene says, and the coefficients of its samples (samples, modes)."""
-    campaign = scene_campaign(case.scene, case.defaults)
+    campaign = scene_campaign(case.scene)
     campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, fields=(), modes=(case.grid,)))
     soil = runs.random_soil(campaign)
     model = replace(runs.build(campaign, case.grid, soil), strength_factor=case.factor)
@@ -128,7 +126,7 @@ def compared(name: str, case: Case, ruled: dict[int, Row], unruled: dict[int, Ro
     """Slides that ran both ways: the share of steps saved, the largest change of any measure, modes that changed."""
     both = [(ruled[n], unruled[n]) for n in sorted(ruled.keys() & unruled.keys())]
     whole = [(a, b) for a, b in both if a["mode"] and b["mode"]]
-    cell = scene_campaign(case.scene, case.defaults).grids[case.grid].cell
+    cell = scene_campaign(case.scene).grids[case.grid].cell
 
     def largest(measures: tuple[str, ...], scale: float | None) -> float:
         changes = [abs(a[each] - b[each]) / (scale or max(b[each], 1e-9)) for a, b in whole for each in measures]

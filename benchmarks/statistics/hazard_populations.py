@@ -49,11 +49,9 @@ energy = 0.95
 [rough]
 cell = 2.0
 spacing = [1.0, 2.0, 1.0]
-fbar = true
 [refined]
 cell = 1.0
 spacing = [0.5, 1.0, 0.5]
-fbar = true
 [run]
 t_end = 6.0
 [campaign]

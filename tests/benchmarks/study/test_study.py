@@ -51,7 +51,7 @@ def test_all_files_of_rows_are_read():
     assert {path.name for path in rows.DATA.glob("study_*.csv")} == {
         f"study_{name}.csv" for name in rows.FILES
     } | others
-    assert len(rows.read_study()) == 8981
+    assert len(rows.read_study()) == 8985
 
 
 @pytest.fixture
