@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,9 @@ from jax import Array
 from jaxmpm.grid import Grid, Wall
 from jaxmpm.tensors import safe_sqrt
 from jaxmpm.types import Scene
+
+Region = tuple[slice, ...]
+"""Of the nodes, as an index of an array of the grid's shape."""
 
 
 def one_with(scene: Scene) -> list[tuple[int, int]]:
@@ -116,7 +120,7 @@ def hold(scene: Scene, nodal: Array, value: float = 0.0) -> Array:
     return jnp.where(held.reshape(nodal.shape), value, nodal)
 
 
-def slide(scene: Scene, velocity: Array, braked: Callable[[Array], Array]) -> Array:
+def slide(scene: Scene, velocity: Array, braked: Callable[[Region | None, Array], Array]) -> Array:
     """Velocities after the impulses of walls with friction, and of the base.
 
     They remove the velocity into them, and of the velocity along them at most what `braked` returns. They do not
@@ -127,19 +131,30 @@ def slide(scene: Scene, velocity: Array, braked: Callable[[Array], Array]) -> Ar
     Args:
         scene: with wall_friction.
         velocity: (nodes, d) m/s.
-        braked: function of the velocities (nodes,) m/s into walls; it gives the largest change along them (nodes,) m/s.
+        braked: function of a region of the nodes, None for all as (nodes,), and of the velocities m/s into walls there;
+            it gives the largest change along them m/s.
 
     Returns:
         (nodes, d) m/s.
     """
-    for normal in _normals(scene):
-        outward = jnp.sum(velocity * normal, axis=1)
-        push = jnp.maximum(-outward, 0)
-        tangential = velocity - outward[:, None] * normal
-        speed = safe_sqrt(jnp.sum(tangential**2, axis=1))
-        left = jnp.where(speed > 0, jnp.maximum(1 - braked(push) / jnp.where(speed > 0, speed, 1), 0), 1)
-        velocity = left[:, None] * tangential + (outward + push)[:, None] * normal
-    return velocity if scene.base is None else hold(scene, velocity)
+    shape = (*scene.grid.shape, scene.grid.dimension)
+    for region, normal in _walls(scene):
+        field = velocity.reshape(shape)
+        slid = _slid(field[region], normal, partial(braked, region))
+        velocity = field.at[region].set(slid).reshape(velocity.shape)
+    if scene.base is None:
+        return velocity
+    return hold(scene, _slid(velocity, scene.base.normal, partial(braked, None)))
+
+
+def _slid(velocity: Array, normal: Array, braked: Callable[[Array], Array]) -> Array:
+    """Velocities (..., d) after the impulses of walls with these normals, (d,) or (..., d) and 0 where no wall is."""
+    outward = jnp.sum(velocity * normal, axis=-1)
+    push = jnp.maximum(-outward, 0)
+    tangential = velocity - outward[..., None] * normal
+    speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
+    left = jnp.where(speed > 0, jnp.maximum(1 - braked(push) / jnp.where(speed > 0, speed, 1), 0), 1)
+    return left[..., None] * tangential + (outward + push)[..., None] * normal
 
 
 def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
@@ -156,22 +171,22 @@ def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
     Returns:
         (nodes, d) m/s.
     """
-    for normal in _normals(scene):
-        velocity = jnp.where(jnp.any(normal != 0, axis=1)[:, None], after, velocity)
-    return velocity
+    moved = after.reshape(*scene.grid.shape, -1)
+    for region, _ in _walls(scene):
+        velocity = velocity.reshape(moved.shape).at[region].set(moved[region]).reshape(after.shape)
+    if scene.base is None:
+        return velocity
+    return jnp.where(jnp.any(scene.base.normal != 0, axis=1)[:, None], after, velocity)
 
 
-def _normals(scene: Scene) -> Iterator[Array]:
-    """Unit normals (nodes, d) of walls with friction and of the base at their nodes, 0 elsewhere."""
-    grid = scene.grid
-    shape = (*grid.shape, grid.dimension)
+def _walls(scene: Scene) -> Iterator[tuple[Region, Array]]:
+    """Nodes on walls with friction or beyond them, and unit normals (d,) there."""
+    axes = jnp.eye(scene.grid.dimension, dtype=scene.gravity.dtype)
     for wall in scene.walls:
         if wall.hold == "friction":
-            across = jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
-            inward = jnp.asarray(1 if wall.side == "low" else -1, scene.gravity.dtype)
-            yield jnp.where(across & _beyond(wall, shape), inward, 0).reshape(grid.nodes, -1)
-    if scene.base is not None:
-        yield scene.base.normal
+            low = wall.side == "low"
+            own = slice(wall.index + 1) if low else slice(wall.index, None)
+            yield (slice(None),) * wall.axis + (own,), axes[wall.axis] if low else -axes[wall.axis]
 
 
 def _beyond(wall: Wall, shape: tuple[int, ...]) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
-from jaxmpm.boundary import hold, slide
+from jaxmpm.boundary import Region, hold, slide
 from jaxmpm.equations._maps import Maps, reciprocal
 from jaxmpm.equations._stress import acting_stress
 from jaxmpm.transfer import momentum
@@ -167,7 +167,7 @@ def area_covered(scene: Scene, volume: Array) -> Array:
     return scene.base.area * jnp.minimum(1, volume / (COVERED * scene.base.volume))
 
 
-def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Array], Array]:
+def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Array], Array]:
     """Largest change of velocity along walls with friction, as a function of the velocity into them.
 
     It is Coulomb friction of the contact pressure minus the water's, and cohesion.
@@ -178,17 +178,23 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Array], Array]:
         dt: time step (s).
 
     Returns:
-        Function of the velocities (nodes,) m/s into walls that they stop in dt; it gives the largest change of those
-        along them (nodes,) m/s.
+        Function of a region of the nodes, None for all as (nodes,), and of the velocities m/s into walls that they stop
+        there in dt; it gives the largest change of those along them m/s.
     """
     friction = scene.wall_friction
     assert friction is not None
     if nodal.area is None:
-        return lambda push: friction * push
+        return lambda region, push: friction * push
     rate = dt * nodal.area * reciprocal(scene, nodal.mass[:, 0])
-    water = 0.0 if scene.wall_pressure is None else rate * scene.wall_pressure
-    cohesion = 0.0 if scene.wall_cohesion is None else rate * scene.wall_cohesion
-    return lambda push: jnp.where(push > 0, friction * jnp.maximum(push - water, 0) + cohesion, 0)
+    zero = jnp.zeros_like(rate)
+    water = zero if scene.wall_pressure is None else rate * scene.wall_pressure
+    cohesion = zero if scene.wall_cohesion is None else rate * scene.wall_cohesion
+
+    def largest(region: Region | None, push: Array) -> Array:
+        lost, bond = (each if region is None else each.reshape(scene.grid.shape)[region] for each in (water, cohesion))
+        return jnp.where(push > 0, friction * jnp.maximum(push - lost, 0) + bond, 0)
+
+    return largest
 
 
 def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:
