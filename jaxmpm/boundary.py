@@ -171,9 +171,9 @@ def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
     Returns:
         (nodes, d) m/s.
     """
-    moved = after.reshape(*scene.grid.shape, -1)
+    field = after.reshape(*scene.grid.shape, -1)
     for region, _ in _walls(scene):
-        velocity = velocity.reshape(moved.shape).at[region].set(moved[region]).reshape(after.shape)
+        velocity = velocity.reshape(field.shape).at[region].set(field[region]).reshape(after.shape)
     if scene.base is None:
         return velocity
     return jnp.where(jnp.any(scene.base.normal != 0, axis=1)[:, None], after, velocity)
