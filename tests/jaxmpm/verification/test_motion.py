@@ -251,3 +251,49 @@ def test_derivative_of_a_sliding_blocks_displacement_by_its_friction_is_that_of_
     exact = -GRAVITY * np.cos(tilt) * (steps * float(scene.time_step)) ** 2 / 2
     _, derivative = jax.jvp(displacement, (jnp.asarray(0.3),), (jnp.asarray(1.0),))
     assert abs(float(derivative) / exact - 1) < 0.02
+
+
+def in_a_box_of_walls_with_friction(gravity):
+    """A block of clay that fills the middle of a box of six walls with friction, cohesion and water pressure."""
+    soil = mpm.Soil(strength=8e3, unit_weight=20e3, young=5e6, poisson=0.3, tension_cutoff=0.0)
+    numerics = mpm.Discretisation(0.5, (0.25,) * 3, dtype="float64")
+    scene, state = mpm.block(
+        (2.0, 2.0, 2.0), soil, numerics, domain=(3.0, 3.0, 3.0), corner=(0.5, 0.5, 0.5), gravity=gravity,
+        walls="roller", speed=10.0,
+    )  # fmt: skip
+    walls = tuple(replace(wall, hold="friction") for wall in scene.walls)
+    contact = {"wall_cohesion": jnp.asarray(2e3), "wall_pressure": jnp.full(scene.grid.nodes, 1e3)}
+    return replace(scene, walls=walls, wall_friction=jnp.asarray(0.3), **contact), state
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("axis", range(3))
+def test_walls_with_friction_on_both_sides_of_an_axis_mirror_each_other(axis):
+    gravity = np.array([13.0, 14.0, 15.0])
+    mirror = np.where(np.arange(3) == axis, -1, 1)
+    scene, state = in_a_box_of_walls_with_friction(tuple(gravity))
+    mirrored, _ = in_a_box_of_walls_with_friction(tuple(mirror * gravity))
+    first, second = (np.asarray(mpm.replay(each, state, 500)[0].displacement) for each in (scene, mirrored))
+    at = np.asarray(scene.particles.position)
+    image = np.where(mirror[:, None] == -1, 3.0 - at, at)
+    distance = np.abs(at[:, :, None] - image[:, None, :]).sum(0)
+    assert distance.min(0).max() < 1e-12
+    pairs = distance.argmin(0)
+    assert np.abs(first).max(1).min() > 0.5  # it reaches a wall of each axis
+    np.testing.assert_allclose(second[:, pairs], mirror[:, None] * first, atol=1e-9)
+
+
+@pytest.mark.usefixtures("x64")
+def test_lanes_and_gradient_in_a_box_of_walls_with_friction():
+    scene, state = in_a_box_of_walls_with_friction((3.0, 4.0, -9.81))
+
+    def reached(friction, steps=300):
+        final, _ = mpm.replay(replace(scene, wall_friction=friction), state, steps)
+        return jnp.mean(jnp.sum(final.displacement**2, axis=0))
+
+    friction, h = jnp.asarray([0.1, 0.3, 0.6]), 1e-6
+    lanes = jax.vmap(reached)(friction)
+    np.testing.assert_allclose(lanes, [reached(each) for each in friction], rtol=1e-12)
+    assert lanes[0] > lanes[2]
+    difference = (reached(0.3 + h) - reached(0.3 - h)) / (2 * h)
+    assert abs(float(jax.grad(reached)(0.3)) / float(difference) - 1) < 1e-6
