@@ -37,7 +37,7 @@ NAMES = {
 PLANNED, CORES = 1000, 2
 HOURS = {"": "target_cov_runs_q50_r098", "_default": "target_cov_runs_q50_r095"}
 """Ending of a value's name -> the value of `estimators` that counts the refined runs."""
-AUDITS = {"3D, refined": ("audit", "3D, rough"), "3D, default, refined": ("audit_default", "3D, default, rough")}
+AUDITS = {"3D, refined": ("audit", "3D, rough"), "3D, default, refined": ("default", "3D, default, rough")}
 """Cases too dear to have many runs -> the study's rows of them, and the case whose share of time stands for theirs."""
 
 
@@ -88,7 +88,9 @@ def times(case: str, result: Mapping[str, Mapping[int, Run]]) -> tuple[float, fl
         return float(np.mean([run.early_time for run in runs_of])), float(np.mean([run.time for run in runs_of]))
     table, like = AUDITS[case]
     audit = [
-        o for run, o in read_table(DATA / f"study_{table}.csv").items() if run.until == "class" and not o.broke_off
+        outcome
+        for run, outcome in read_table(DATA / f"study_{table}.csv").items()
+        if (run.grid, run.until) == ("refined", "class") and not outcome.broke_off
     ]
     share = {
         failed: ratio([run for run in result[like].values() if fails(run.status) == failed]) or 1.0

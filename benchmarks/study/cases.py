@@ -90,7 +90,7 @@ CASES: dict[str, dict[str, Any]] = {
     "published": _case("paper", SAMPLES, FAST),
     ON_CPU: _case("paper", SAMPLES, FAST),
     MORE_AIR: _case("paper", SAMPLES, FAST, {"refined": {"air": 8.0}}),
-    "default": _case("slope", SAMPLES, FAST),
+    "default": _case("slope", SAMPLES),
     "rollers": _case("paper", SAMPLES, FAST, ROLLERS),
     **{name: _case("paper", SWEEP_SAMPLES, FAST, {"strength": {"length": to}}) for name, to in SWEEP.items()},
     **{f"section, {name}": _case("paper_section", SECTION_SAMPLES, change) for name, change in READINGS.items()},
@@ -112,18 +112,20 @@ def plan_of(case: str) -> dict[str, Any]:
     return {"refined_runs": AUDIT.runs}
 
 
-EARLIER_VALLEY = 0.05
-"""Of the rule that named the modes of the first rows, about."""
+EARLIER: Changes = {
+    **{grid: {"cfl": 0.5} for grid in ("rough", "refined")},
+    "soil": {"gap_memory": False},
+}
+"""Defaults of the time when the rows with published settings were made."""
+ALWAYS: Changes = {"campaign": {"valley": 0.05}, "run": {"early": False}}
+"""Of all rows: about the rule that named the first modes, and classes by displacement alone, whose speed is ranked."""
 
 
 def campaign_of(scene: str, changes: Changes) -> Campaign:
-    """A scene of benchmarks/scenes, changed, with the defaults of the time when the first rows were made."""
+    """A scene of benchmarks/scenes, changed; published settings with the defaults of when their rows were made."""
     tables = tomllib.loads((ROOT / "benchmarks" / "scenes" / f"{scene}.toml").read_text())
     for table, keys in changes.items():
         tables[table] |= keys
-    for grid in ("rough", "refined"):
-        tables[grid].setdefault("cfl", 0.5)
-        tables[grid].setdefault("fbar", True)
-    tables["soil"].setdefault("gap_memory", False)
-    tables["campaign"].setdefault("valley", EARLIER_VALLEY)
+    for table, keys in {**(EARLIER if scene.startswith("paper") else {}), **ALWAYS}.items():
+        tables[table] = {**keys, **tables[table]}
     return parse(to_toml(tables))

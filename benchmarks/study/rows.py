@@ -18,9 +18,9 @@ from jaxmpm import Status
 DATA = ROOT / "benchmarks" / "data"
 FILES = (
     *("fos_rough", "section_fos", "section_slides", "section", "fos_refined", "screening", "fos_rollers", "slide"),
-    *("audit", "on_cpu", "fos_default", "screening_default", "audit_default", "screening_rollers", "audit_rollers"),
-    *("sweep", "sweep_audit", "slides", "slides_more_air", "sweep_slides", "ranked", "fos_default_rollers", "table_3"),
-    *("table_3_slide", "slides_added"),
+    *("audit", "on_cpu", "fos_default", "default", "section_default", "screening_rollers", "audit_rollers"),
+    *("sweep", "sweep_audit", "slides", "slides_more_air", "sweep_slides", "ranked", "table_3", "table_3_slide"),
+    "slides_added",
 )
 """`study_NAME.csv` each; of a run that several have, the first stands."""
 
@@ -138,12 +138,16 @@ def read_study() -> Rows:
     return together
 
 
-def factor_of_safety(rows: Rows, case: str, grid: str) -> float | None:
-    """The least reduction factor that fails; None without runs."""
-    tried = {
+def of_search(rows: Rows, case: str, grid: str) -> dict[float, bool | None]:
+    """Reductions that were tried for a factor of safety, and whether the slope failed."""
+    return {
         run.reduction: o.failed for run, o in rows.items() if (run.case, run.grid, run.until) == (case, grid, "class")
     }
-    return min((reduction for reduction, fails in tried.items() if fails), default=None)
+
+
+def factor_of_safety(rows: Rows, case: str, grid: str) -> float | None:
+    """The least reduction factor that fails; None without runs."""
+    return min((reduction for reduction, fails in of_search(rows, case, grid).items() if fails), default=None)
 
 
 def population(rows: Rows, case: str, samples: int, reduction: float = 1.0) -> Population:

@@ -23,7 +23,9 @@ def test_every_case_is_a_scene_and_with_its_plan_a_campaign(case):
     changes = definition["changes"] | {"campaign": definition["changes"].get("campaign", {}) | plan["campaign"]}
     campaign = cases.campaign_of(definition["scene"], changes)
     assert set(campaign.grids) == {"rough", "refined"}
-    assert not campaign.soil.gap_memory
+    assert campaign.soil.gap_memory == ("default" in case)
+    assert {grid.fbar for grid in campaign.grids.values()} == {"F-bar" in case}
+    assert campaign.run.early is False
     check_size(campaign)
 
 

@@ -1,0 +1,182 @@
+"""`python -m benchmarks.study.missing [CASE ...]`: run what the study lacks, and add it to the rows of benchmarks/data.
+
+The cases with default settings: factors of safety, the slides there, random slopes and their audit. Then refined slides
+of the failures that the audits at other correlation lengths drew. In 3D a class takes a core a minute, a slide ten.
+A command that was stopped goes on from the last restart point of a slide, in out/study/missing.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, fields, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measure import ROOT
+from benchmarks.study.cases import (
+    CASES,
+    SECTION_SAMPLES,
+    SWEEP,
+    SWEEP_AUDIT,
+    SWEEP_SAMPLES,
+    campaign_of,
+    plan_of,
+    sweep_case,
+)
+from benchmarks.study.factors import STEP
+from benchmarks.study.rows import (
+    COLUMNS,
+    DATA,
+    Outcome,
+    Rows,
+    Run,
+    Until,
+    classes,
+    factor_of_safety,
+    of_search,
+    population,
+    read_study,
+    read_table,
+)
+from cooperative import build, coefficients_of, random_soil
+from cooperative.estimate import next_audit
+from cooperative.runs import GridModel, Stopped, run_samples, stop_by_signals
+from cooperative.scene import Campaign
+from cooperative.store import Sample, open_store
+
+BRACKET = 0.98, 1.3
+"""Of the search for a factor of safety: reductions that stand and that fail, of which the second is run."""
+
+
+def wanted(rows: Rows) -> Iterator[Run]:
+    """The runs in the order in which they are made, as far as the rows show which are needed."""
+    for case in CASES:
+        if "default" in case:
+            yield from _factors(rows, case) if not plan_of(case) else _random(rows, case)
+    for run, outcome in rows.items():
+        others = run.case in SWEEP and run.case != sweep_case("lx", 60)
+        if others and run.grid == "refined" and run.until == "class" and outcome.failed:
+            yield replace(run, until="end")
+
+
+def _factors(rows: Rows, case: str) -> Iterator[Run]:
+    """A search by bisection on each grid, in 2D on the refined one, and the slide at the refined factor."""
+    for grid in ("refined",) if "section" in case else ("rough", "refined"):
+        tried = of_search(rows, case, grid)
+        fails = min((reduction for reduction, fails in tried.items() if fails), default=None)
+        if fails is None:
+            if BRACKET[1] in tried:
+                raise ValueError(f"{case!r}, {grid}: no reduction of {BRACKET[0]} to {BRACKET[1]} fails: raise BRACKET")
+            yield Run(case, grid, 0, BRACKET[1])
+            return
+        stands = max((each for each, failed in tried.items() if failed is False and each < fails), default=BRACKET[0])
+        if fails - stands > 1.5 * STEP:
+            yield Run(case, grid, 0, round((fails + stands) / 2, 2))
+            return
+    if "rollers" not in case:
+        factor = factor_of_safety(rows, case, "refined")
+        assert factor is not None
+        yield Run(case, "refined", 0, factor, "end")
+
+
+def _random(rows: Rows, case: str) -> Iterator[Run]:
+    """All samples on both grids in 2D; in 3D all on the rough one and those of the audit on the refined one."""
+    section = case.startswith("section, ")
+    for sample in range(SECTION_SAMPLES if section else SWEEP_SAMPLES):
+        yield from (Run(case, grid, sample) for grid in (("rough", "refined") if section else ("rough",)))
+    if not section:
+        ranked = population(rows, case, SWEEP_SAMPLES)
+        yield from (Run(case, "refined", n) for n in next_audit(ranked, classes(rows, case, "refined"), SWEEP_AUDIT))
+
+
+@lru_cache(maxsize=2)
+def _built(case: str, grid: str, reduction: float) -> tuple[Campaign, GridModel, np.ndarray]:
+    """Campaign, model and coefficients of a case with strength that is divided."""
+    definition = CASES[case]
+    changes = definition["changes"]
+    reduced = {**changes.get("run", {}), "strength_factor": 1 / reduction}
+    campaign = campaign_of(definition["scene"], {**changes, "run": reduced})
+    soil = random_soil(campaign)
+    return campaign, build(campaign, grid, soil), coefficients_of(campaign, soil)
+
+
+def outcome_of(run: Run, folder: Path, stop: Callable[[], bool] = lambda: False) -> Outcome:
+    """Run a slide to its end, from its restart point where it has one, or a slope until its class is decided.
+
+    Args:
+        run: the run.
+        folder: of the restart points of a slide.
+        stop: whether to end, called after every chunk of steps.
+
+    Raises:
+        Stopped: `stop` was true; a restart point of a slide is there.
+    """
+    campaign, model, coefficients = _built(run.case, run.grid, run.reduction)
+    own, numbers = {run.sample: coefficients[run.sample]}, [run.sample]
+    if run.until == "class":
+        (sample,) = run_samples(model, own, numbers, stop_at=campaign.run.failure_displacement, stop=stop)
+    else:
+        with open_store(folder, campaign.source):
+            (sample,) = run_samples(model, own, numbers, restart_in=folder, stop=stop)
+    return as_outcome(sample, float(model.scene.time_step), run.until)
+
+
+def as_outcome(sample: Sample, dt: float, until: Until) -> Outcome:
+    """A sample as the study's rows have it. dt: its time step (s). until: see `Run`."""
+    names = ["displacement"] if until == "class" else [each.name for each in fields(Outcome)]
+    measured = {name: sample.row[name] for name in names if name in sample.row}
+    rounded = {name: float(f"{value:.6g}") if isinstance(value, float) else value for name, value in measured.items()}
+    return Outcome(
+        status=sample.status,
+        time=round(sample.steps * dt, 5),
+        steps=sample.steps,
+        seconds=round(sample.seconds, 3),
+        device=sample.device,
+        **rounded,  # type: ignore[arg-type]
+    )
+
+
+def add(path: Path, run: Run, outcome: Outcome) -> None:
+    """Write a row to the end of a file of the study, whose first line says what its cases are."""
+    rows = (read_table(path) if path.is_file() else {}) | {run: outcome}
+    cases = {case: CASES[case] for case in sorted({each.case for each in rows})}
+    with path.open("w", newline="") as file:
+        file.write(f"# {json.dumps({'cases': cases})}\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for each, result in rows.items():
+            writer.writerow("" if cell is None else cell for cell in (*astuple(each), *astuple(result)))
+
+
+def file_of(case: str) -> Path:
+    """The file of the study that runs of a case are added to."""
+    if "default" not in case:
+        return DATA / "study_slides_added.csv"
+    kind = "fos_" if not plan_of(case) else "section_" if case.startswith("section, ") else ""
+    return DATA / f"study_{kind}default.csv"
+
+
+def main() -> None:
+    """Run what the files lack, of the cases that are named or of all."""
+    cases = sys.argv[1:] or list(CASES)
+    if unknown := set(cases) - set(CASES):
+        sys.exit(f"case {min(unknown)!r}: give some of {'; '.join(CASES)}")
+    rows = read_study()
+    with stop_by_signals() as stop:
+        while run := next((run for run in wanted(rows) if run.case in cases and run not in rows), None):
+            folder = ROOT / "out" / "study" / "missing" / f"{run.case}, {run.sample}, {run.reduction:g}"
+            try:
+                rows[run] = outcome_of(run, folder, stop.asked)
+            except Stopped:
+                sys.exit("stopped: the same command goes on")
+            add(file_of(run.case), run, rows[run])
+            print(f"{run}: {rows[run].status}, {rows[run].displacement:.2f} m", flush=True)
+
+
+if __name__ == "__main__":
+    main()
