@@ -47,8 +47,14 @@ def measures(
         origin: x of the toe (m).
         half: half the spacing of particles along x (m).
         slid: displacement from which soil slides (m).
+
+    Raises:
+        ValueError: nothing slides.
     """
-    sliding = np.linalg.norm(displacement, axis=0) >= slid
+    distance = np.linalg.norm(displacement, axis=0)
+    sliding = distance >= slid
+    if not sliding.any():
+        raise ValueError(f"the largest displacement is {distance.max():.3g} m, below {slid:g} m: take a finer cell")
     now, v = position[0] + displacement[0] + half, volume[sliding]
     order = np.argsort(now[sliding])
     share = np.cumsum(v[order]) / v.sum()

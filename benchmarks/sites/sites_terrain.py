@@ -85,7 +85,7 @@ def slide(cell: float, *, contact: bool = False) -> dict[str, Any]:
     else:
         shape = Terrain(ground, base=BASE)
         layers = [Layer(CLAY, slip(ground)), Layer(ROCK)]
-    numerics = mpm.Discretisation(cell, (cell,) * 3, cfl=0.9, fbar=True, dtype="float32")
+    numerics = mpm.Discretisation(cell, (cell,) * 3, cfl=0.9, cell_average=True, dtype="float32")
     scene, state = mpm.terrain(shape, layers, numerics)
     final = mpm.solve(scene, state, t_end=T_END).raise_if_failed().state
     distance, position = np.asarray(final.displacement, float), np.asarray(scene.particles.position, float)

@@ -20,6 +20,8 @@ def test_run_out_and_travel_of_a_rigid_block():
     assert row["front_95_m"] == pytest.approx(6.0)  # the front half metre holds a tenth of what slid
     assert row["slid"] == pytest.approx(20.0)
     assert np.sum(row["thickness"]) * 2.0 == pytest.approx(40.0)
+    with pytest.raises(ValueError, match="largest displacement is 6 m, below 7 m"):
+        measures(position, displacement, volume, origin=10.0, half=0.25, slid=7.0)
 
 
 @pytest.mark.parametrize("station", [0.1, 0.25])
