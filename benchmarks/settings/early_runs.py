@@ -27,29 +27,26 @@ DATA = ROOT / "benchmarks" / "data" / "early.csv"
 
 @dataclass(frozen=True)
 class Case:
-    """scene: of benchmarks/scenes. samples: to run. chosen_on: the first of them, on which the rule was chosen.
-    defaults: see `scene_campaign`."""
+    """scene: of benchmarks/scenes. samples: to run. chosen_on: the first of them, on which the rule was chosen (with
+    default settings when clay had F-bar)."""
 
     scene: str
     grid: str
     samples: int
     chosen_on: int = 0
-    defaults: str = ""
 
-
-BY_FBAR = "\n[defaults]\ncfl = 0.9\ngap_memory = true\nearly = true\norder = 'stencil'\n"
 
 CASES = {
     "section, rough": Case("paper_section", "rough", 400, 400),
     "section, refined": Case("paper_section", "refined", 400, 43),
-    "section, default, rough": Case("section", "rough", 400, defaults=BY_FBAR),
-    "section, default, refined": Case("section", "refined", 400, 336, BY_FBAR),
+    "section, default, rough": Case("section", "rough", 400),
+    "section, default, refined": Case("section", "refined", 400, 336),
     "layers, rough": Case("new/section", "rough", 200),
     "layers, refined": Case("new/section", "refined", 200),
     "3D, rough": Case("paper", "rough", 300, 30),
-    "3D, default, rough": Case("slope", "rough", 200, 20, BY_FBAR),
+    "3D, default, rough": Case("slope", "rough", 200, 20),
     "3D, refined": Case("paper", "refined", 30),
-    "3D, default, refined": Case("slope", "refined", 30, defaults=BY_FBAR),
+    "3D, default, refined": Case("slope", "refined", 30),
 }
 MEASURED = ("steps", "time", "displacement", "early_time", "early_displacement")
 COLUMNS: dict[str, Parser] = {
@@ -130,7 +127,7 @@ def main(name: str | None = None, count: int | None = None) -> None:
 def _rows(case: Case, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     if not numbers:
         return
-    campaign = scene_campaign(case.scene, case.defaults)
+    campaign = scene_campaign(case.scene)
     campaign = replace(campaign, plan=replace(campaign.plan, samples=case.samples))
     soil, run = runs.random_soil(campaign), campaign.run
     model = runs.build(campaign, case.grid, soil)

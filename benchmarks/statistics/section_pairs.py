@@ -61,8 +61,11 @@ def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
 
 
 def study(scene: str) -> Campaign:
-    """A scene with the samples of this study, all of which get a mode, and the defaults of when its files were made."""
-    campaign = scene_campaign(scene, FIRST_DEFAULTS)
+    """A scene with the samples of this study, all of which get a mode.
+
+    The scene with published settings has the other defaults of when its file was made.
+    """
+    campaign = scene_campaign(scene, FIRST_DEFAULTS if scene == STUDIES["published"][0] else "")
     return replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
 
 

@@ -28,7 +28,7 @@ def test_no_class_changes_in_more_runs_than_a_summary_names():
 
 def test_the_rule_on_the_side_gives_what_a_campaign_does():
     case, numbers = early_runs.CASES["section, default, rough"], [0, 2, 5]
-    campaign = scene_campaign(case.scene, case.defaults)
+    campaign = scene_campaign(case.scene)
     campaign = replace(campaign, plan=replace(campaign.plan, samples=case.samples))
     soil = runs.random_soil(campaign)
     model, coefficients = runs.build(campaign, case.grid, soil), runs.coefficients_of(campaign, soil)
