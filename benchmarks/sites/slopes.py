@@ -42,11 +42,11 @@ class Case:
     ) -> tuple[mpm.Scene, mpm.State]:
         """The section on cells of this size (m) with so many particles across.
 
-        Clay with F-bar; soil with friction with its default, and a share of PIC, without which grains of sand at the
-        surface creep on.
+        Strain is averaged over cells. Soil with friction has a share of PIC, without which grains of sand at the surface
+        creep on.
         """
         soil = self.soil[0].soil if isinstance(self.soil, Sequence) else self.soil
-        usual = {"fbar": True} if isinstance(soil, Soil) else {"flip": 0.99}
+        usual = {"cell_average": True} if isinstance(soil, Soil) else {"flip": 0.99}
         numerics = mpm.Discretisation(cell, (cell / across,) * 2, **(usual | self.choices | choices))
         return mpm.section(self.shape, self.soil, numerics, at_rest=at_rest, **self.loads)
 
