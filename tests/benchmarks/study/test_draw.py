@@ -12,7 +12,7 @@ from benchmarks.study import cases, draw
 from benchmarks.study.rows import Outcome, Run
 from cooperative.reporting import save
 
-WIDE = {"slope": {"width": 8.0}, "strength": {"mean": 20e3, "length": [60.0, 60.0, 2.0]}, "run": {"t_end": 2.0}}
+WIDE = {"slope": {"width": 8.0}, "strength": {"mean": 12e3, "length": [60.0, 60.0, 2.0]}, "run": {"t_end": 2.0}}
 WIDE |= {grid: {"cell": 4.0, "spacing": [2.0] * 3} for grid in ("rough", "refined")}
 SLID = Outcome("FINISHED", 14.0, 20.0, 5000, 9.0, volume=4000.0, mode="deep")
 
