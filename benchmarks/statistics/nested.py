@@ -33,7 +33,7 @@ from cooperative import Population, two_phase
 from cooperative.estimate import Sampling, TwoPhase, all_samples, draw_samples
 from cooperative.runs import build, coefficients_of, random_soil, run_samples
 
-SCENES = {"": ("paper", "screening"), "_default": ("slope", "screening_default")}
+SCENES = {"": ("paper", "screening"), "_default": ("slope", "default")}
 """Ending of a value's name -> scene, and the study's rows of its rough grid."""
 STUDIED, CORES = 750, 2
 """Samples of the study's design; cores of a campaign."""
@@ -177,13 +177,14 @@ def main(end: str, count: str) -> None:
     campaign = replace(campaign, coarse=coarse, plan=replace(campaign.plan, samples=STUDIED, rough_samples=STUDIED))
     soil = random_soil(campaign)
     model, coefficients = build(campaign, "coarse", soil), coefficients_of(campaign, soil)
-    numbers = [run.sample for run in read_table(DATA / f"study_{table}.csv") if run.grid == "rough"][: int(count)]
+    rows = read_table(DATA / f"study_{table}.csv")
+    before = {run.sample: outcome.displacement for run, outcome in rows.items() if run.grid == "rough"}
+    numbers = list(before)[: int(count)]
     stop = campaign.run.failure_displacement
     list(run_samples(model, coefficients, numbers[:1], stop_at=stop))
     begun = time.process_time()
     ended = {sample.number: sample.result[0] for sample in run_samples(model, coefficients, numbers, stop_at=stop)}
     spent = time.process_time() - begun
-    before = {run.sample: outcome.displacement for run, outcome in read_table(DATA / f"study_{table}.csv").items()}
     scores = [norm.ppf((rankdata([of[n] for n in numbers]) - 0.5) / len(numbers)) for of in (ended, before)]
     answer = {
         "coarse_core_seconds": spent / len(numbers),
