@@ -42,8 +42,8 @@ class Case:
     ) -> tuple[mpm.Scene, mpm.State]:
         """The section on cells of this size (m) with so many particles across.
 
-        Strain is averaged over cells. Soil with friction has a share of PIC, without which grains of sand at the surface
-        creep on.
+        Strain is averaged over cells. Soil with friction has a share of PIC, without which grains at its surface creep
+        on.
         """
         soil = self.soil[0].soil if isinstance(self.soil, Sequence) else self.soil
         usual = {"cell_average": True} if isinstance(soil, Soil) else {"flip": 0.99}

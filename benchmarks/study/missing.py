@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, fields, replace
@@ -69,14 +70,16 @@ def _factors(rows: Rows, case: str) -> Iterator[Run]:
     for grid in ("refined",) if "section" in case else ("rough", "refined"):
         tried = of_search(rows, case, grid)
         fails = min((reduction for reduction, fails in tried.items() if fails), default=None)
-        if fails is None:
-            if BRACKET[1] in tried:
-                raise ValueError(f"{case!r}, {grid}: no reduction of {BRACKET[0]} to {BRACKET[1]} fails: raise BRACKET")
-            yield Run(case, grid, 0, BRACKET[1])
-            return
-        stands = max((each for each, failed in tried.items() if failed is False and each < fails), default=BRACKET[0])
-        if fails - stands > 1.5 * STEP:
-            yield Run(case, grid, 0, round((fails + stands) / 2, 2))
+        below = math.inf if fails is None else fails
+        stands = max((each for each, failed in tried.items() if failed is False and each < below), default=BRACKET[0])
+        if below - stands > 1.5 * STEP:
+            reduction = BRACKET[1] if fails is None else round((below + stands) / 2, 2)
+            if reduction in tried:
+                raise ValueError(
+                    f"{case!r}, {grid}: at a reduction of {reduction:g} the slope stands, or its run broke off: change "
+                    "BRACKET, or delete the row"
+                )
+            yield Run(case, grid, 0, reduction)
             return
     if "rollers" not in case:
         factor = factor_of_safety(rows, case, "refined")

@@ -19,6 +19,7 @@ TINY: dict[str, dict[str, Any]] = {
 TINY |= {"run": {"t_end": 4.0}} | {grid: {"cell": 4.0, "spacing": [2.0] * 3} for grid in ("rough", "refined")}
 CLASS = Outcome("DECIDED", 1.1, 2.0, 300, 1.0)
 STOOD = Outcome("SETTLED", 0.1, 4.0, 600, 1.0)
+BROKE_OFF = Outcome("OUTSIDE_GRID", 3.0, 4.0, 600, 1.0)
 GRIDS = ("rough", "refined")
 SLID = Outcome("FINISHED", 4.5, 4.0, 540, 13.6, 3.0, 14.0, 1216.0, 12.9, "deep", 1, 2.1, None, 4.5, 3.0)
 
@@ -64,9 +65,11 @@ def test_what_is_missing_is_searched_ranked_audited_and_slid(few_cases):
     ]
 
 
-def test_a_search_without_an_answer_is_named(few_cases):
-    with pytest.raises(ValueError, match=r"'mean strength, default', rough: no reduction of 0.98 to 1.3 fails"):
-        run_all(lambda run: False, {})
+@pytest.mark.parametrize(("rows", "reduction"), [({}, "1.3"), ({1.3: CLASS, 1.14: BROKE_OFF}, "1.14")])
+def test_a_search_without_an_answer_is_named(few_cases, rows, reduction):
+    known = {Run(factors.DEFAULT, "rough", 0, each): outcome for each, outcome in rows.items()}
+    with pytest.raises(ValueError, match=f"'mean strength, default', rough: at a reduction of {reduction} the slope"):
+        run_all(lambda run: False, known)
 
 
 def test_rows_are_added_to_a_file_of_the_study(tmp_path):
