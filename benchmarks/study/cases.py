@@ -112,13 +112,10 @@ def plan_of(case: str) -> dict[str, Any]:
     return {"refined_runs": AUDIT.runs}
 
 
-EARLIER: Changes = {
-    **{grid: {"cfl": 0.5} for grid in ("rough", "refined")},
-    "soil": {"gap_memory": False},
-}
+VALLEY = 0.05
+"""About that of the rule that named the modes of the first rows."""
+EARLIER: Changes = {"rough": {"cfl": 0.5}, "refined": {"cfl": 0.5}, "soil": {"gap_memory": False}}
 """Defaults of the time when the rows with published settings were made."""
-ALWAYS: Changes = {"campaign": {"valley": 0.05}, "run": {"early": False}}
-"""Of all rows: about the rule that named the first modes, and classes by displacement alone, whose speed is ranked."""
 
 
 def campaign_of(scene: str, changes: Changes) -> Campaign:
@@ -126,6 +123,7 @@ def campaign_of(scene: str, changes: Changes) -> Campaign:
     tables = tomllib.loads((ROOT / "benchmarks" / "scenes" / f"{scene}.toml").read_text())
     for table, keys in changes.items():
         tables[table] |= keys
-    for table, keys in {**(EARLIER if scene.startswith("paper") else {}), **ALWAYS}.items():
+    for table, keys in (EARLIER if scene.startswith("paper") else {}).items():
         tables[table] = {**keys, **tables[table]}
+    tables["campaign"].setdefault("valley", VALLEY)
     return parse(to_toml(tables))

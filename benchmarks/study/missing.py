@@ -42,7 +42,6 @@ from benchmarks.study.rows import (
     of_search,
     population,
     read_study,
-    read_table,
 )
 from cooperative import build, coefficients_of, random_soil
 from cooperative.estimate import next_audit
@@ -102,8 +101,9 @@ def _built(case: str, grid: str, reduction: float) -> tuple[Campaign, GridModel,
     """Campaign, model and coefficients of a case with strength that is divided."""
     definition = CASES[case]
     changes = definition["changes"]
-    reduced = {**changes.get("run", {}), "strength_factor": 1 / reduction}
-    campaign = campaign_of(definition["scene"], {**changes, "run": reduced})
+    # Samples are ranked by the displacement at their class, which `early` does not wait for.
+    run = {**changes.get("run", {}), "strength_factor": 1 / reduction, "early": False}
+    campaign = campaign_of(definition["scene"], {**changes, "run": run})
     soil = random_soil(campaign)
     return campaign, build(campaign, grid, soil), coefficients_of(campaign, soil)
 
@@ -146,14 +146,14 @@ def as_outcome(sample: Sample, dt: float, until: Until) -> Outcome:
 
 def add(path: Path, run: Run, outcome: Outcome) -> None:
     """Write a row to the end of a file of the study, whose first line says what its cases are."""
-    rows = (read_table(path) if path.is_file() else {}) | {run: outcome}
-    cases = {case: CASES[case] for case in sorted({each.case for each in rows})}
-    with path.open("w", newline="") as file:
-        file.write(f"# {json.dumps({'cases': cases})}\n")
+    new = not path.is_file()
+    with path.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for each, result in rows.items():
-            writer.writerow("" if cell is None else cell for cell in (*astuple(each), *astuple(result)))
+        if new:
+            cases = {case: definition for case, definition in CASES.items() if file_of(case).name == path.name}
+            file.write(f"# {json.dumps({'cases': cases})}\n")
+            writer.writerow(COLUMNS)
+        writer.writerow("" if cell is None else cell for cell in (*astuple(run), *astuple(outcome)))
 
 
 def file_of(case: str) -> Path:
