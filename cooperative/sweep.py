@@ -163,7 +163,7 @@ def _claim(folder: Path, source: Source) -> None:
     if there is not None and there.tables != source.tables:
         raise ValueError(f"folder {folder} belongs to another sweep: give another folder, or the scene it has")
     if there is None and folder.exists() and any(each.name != CAMPAIGN for each in folder.iterdir()):
-        raise ValueError(f"folder {folder} holds something, but no sweep.toml: give a new or empty folder")
+        raise ValueError(f"folder {folder} is not empty, and no sweep has begun there: give a new or empty folder")
     (folder / "campaigns").mkdir(parents=True, exist_ok=True)
     if there is None:
         source.write(folder, SWEEP)

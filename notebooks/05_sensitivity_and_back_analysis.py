@@ -215,7 +215,7 @@ print(f"mean error of the recovered strength: {100 * error:.1f} %")
 #
 # - `mpm.replay(scene, state, steps)` is a run with derivatives; `steps` is what `solve` took.
 # - `mpm.strength_sensitivity` is the map of what matters, in one reverse run.
-# - `cooperative.back_analysis.recover` finds what made a slide, and says what the data could not tell.
+# - `cooperative.research.back_analysis.recover` finds what made a slide, and names what the data do not show.
 
 # %%
 results = {

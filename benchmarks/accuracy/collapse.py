@@ -61,6 +61,7 @@ def collapse(
     criterion: Criterion = MohrCoulomb,
     gap_memory: bool = True,
     numerics: Numerics = DEFAULTS,
+    start: int = 0,
 ) -> tuple[mpm.Scene, mpm.State]:
     """A column `aspect` times as high as wide, and its state at the end of its collapse.
 
@@ -74,6 +75,7 @@ def collapse(
         criterion: class of the law.
         gap_memory: as for `jaxmpm.FrictionalSoil`.
         numerics: choices in place of these.
+        start: seed of speeds of 1e-5 sqrt(g 1 m) at the start, which show how rounding grows; 0 for rest.
     """
     cell, height = 1 / cells, float(aspect)
     soil = mpm.FrictionalSoil(
@@ -101,5 +103,8 @@ def collapse(
     lateral = 0.3 / 0.7 * vertical
     stress = state.stress.at[0].set(lateral).at[1].set(lateral).at[2].set(vertical)
     scene = replace(scene, walls=walls, wall_friction=jnp.asarray(SLIDING, stress.dtype))
+    if start:
+        noise = 1e-5 * np.sqrt(GRAVITY) * np.random.default_rng(start).standard_normal(state.velocity.shape)
+        state = replace(state, velocity=state.velocity + jnp.asarray(noise, stress.dtype))
     ended = mpm.solve(scene, replace(state, stress=stress), t_end=5 * float(np.sqrt(height / GRAVITY)))
     return scene, ended.raise_if_failed().state

@@ -190,6 +190,7 @@ def column(
     criterion: Criterion = MohrCoulomb,
     gap_memory: bool = True,
     numerics: Numerics = DEFAULTS,
+    start: int = 0,
 ) -> Slide:
     """A column of dry sand, 1 m wide.
 
@@ -199,12 +200,15 @@ def column(
         criterion: class of the law.
         gap_memory: as for `jaxmpm.FrictionalSoil`.
         numerics: numerical choices in place of those of `collapse`.
+        start: as for `collapse`.
     """
-    scene, final = collapse(aspect, round(1 / cell), criterion=criterion, gap_memory=gap_memory, numerics=numerics)
+    scene, final = collapse(
+        aspect, round(1 / cell), criterion=criterion, gap_memory=gap_memory, numerics=numerics, start=start
+    )
     return Slide(scene, final, 1.0, cell, 0.05)
 
 
-def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb) -> Row:
+def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb, start: int = 0) -> Row:
     """A column of dry sand: lengths over its width.
 
     Its front is where the deposit is `THICK`. `grains_m` is that of the farthest grains that lie together, the end of a
@@ -216,10 +220,11 @@ def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb) -> R
         aspect: height over width.
         cell: edge of the cells over the width.
         criterion: class of the law.
+        start: as for `collapse`.
     """
     rate = math.sqrt(GRAVITY / aspect)
     choices: Numerics = {"scheme": mpm.Scheme.USL, "flip": 1.0, "apic": False, "pic_damping": rate, "xpic": 2}
-    slide = column(aspect, cell, criterion=criterion, numerics=choices)
+    slide = column(aspect, cell, criterion=criterion, numerics=choices, start=start)
     row = slide.row()
     x = np.asarray((slide.scene.particles.position + slide.state.displacement)[0], float)
     thick = thick_front(x, np.asarray(slide.scene.particles.volume, float), THICK * aspect, 1 / 8) - 1

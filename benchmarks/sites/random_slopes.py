@@ -45,11 +45,11 @@ def in_part(tables: Tables) -> None:
 
 
 def without_softening(tables: Tables) -> None:
-    """The same soil, perfectly plastic, with what keeps clay from locking; failure by the limit load."""
+    """The same soil, perfectly plastic, with the default cure of locking; failure by the limit load."""
     for key in ("softening_modulus", "residual_ratio", "softening_length", "plastic_strain", "tension_cutoff"):
         tables["soil"].pop(key, None)
     for grid in ("rough", "refined"):
-        tables[grid]["fbar"] = True
+        tables[grid].pop("fbar")
     tables["run"] = {"t_end": 20.0, "failure": "limit load"}
     plan = tables["campaign"]
     tables["campaign"] = {

@@ -28,7 +28,7 @@ from benchmarks.sites.real_surveys import KNOWN, MISS, Known, corominas, holds, 
 from cooperative import run as run_campaign
 from cooperative.folder import read_results
 from cooperative.runs import Stopped
-from cooperative.scene import Campaign, built, parse, read_scene, to_toml
+from cooperative.scene import Campaign, built, campaign_of, parse, read_scene, to_toml
 from cooperative.store import Sample, read_sample, table_of
 
 SCENES = ROOT / "benchmarks" / "scenes" / "real"
@@ -109,9 +109,11 @@ def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterab
     return answer
 
 
-def slides(name: str, campaign: Campaign, folder: Path) -> dict[str, Slid]:
+def slides(name: str, folder: Path) -> dict[str, Slid]:
     """The failures of a finished campaign on each grid."""
     results = read_results(folder)
+    # With the defaults of its folder, of which the order of its particles is one.
+    campaign = campaign_of(results.store)
     rough = results.rough.columns
     failed = (rough["displacement"] > campaign.run.failure_displacement) & ~rough["broke_off"].astype(bool)
     chosen = {
@@ -198,15 +200,14 @@ def run(quick: bool) -> Report:
     with tempfile.TemporaryDirectory() as scratch:
         base = Path(scratch) if quick else ROOT / "out" / "real_slides"
         for name in ("sainte_monique_1994",) if quick else tuple(KNOWN):
-            campaign = scene_of(name, quick)
             try:
                 if not stopped:
-                    run_campaign(campaign, base / name)
+                    run_campaign(scene_of(name, quick), base / name)
             except Stopped as why:
                 print(why, file=sys.stderr)
                 stopped = True
             if (base / name / "samples").is_dir():
-                rows += compared(name, KNOWN[name], slides(name, campaign, base / name))
+                rows += compared(name, KNOWN[name], slides(name, base / name))
     return Report(summarised(rows), [rounded(row) for row in rows])
 
 

@@ -97,9 +97,12 @@ def drawn(name: str) -> dict[str, Any]:
 
 
 def run_out(name: str) -> dict[str, Any]:
-    """The slide of the published slope with three quarters of its strength, to its end, in one of the domains."""
+    """The slide of the published slope with three quarters of its strength, to its end, in one of the domains.
+
+    It goes back 31 m, to a metre behind the wall of the cut one, which makes it 2 % shorter there.
+    """
     shape = DOMAINS[name]
-    scene, state = mpm.section(shape, CLAY, mpm.Discretisation(1.0, (0.5, 0.5), fbar=True))
+    scene, state = mpm.section(shape, CLAY, mpm.Discretisation(1.0, (0.5, 0.5), cell_average=True))
     scene = mpm.reduced(scene, 4 / 3)
     mpm.solve(scene, state, t_end=float(scene.time_step))  # compiles
     start = time.perf_counter()

@@ -8,8 +8,8 @@ its buoyant weight: the scene retrogression_5m_buoyant, whose convergence is in 
 READINGS have the full weight. Slip circles then give the slope a factor of 0.87 at 15.1 kPa, so that it cannot stand
 before: 15.1 kPa may be what is left after the division. Of 15.1 kPa slides let go 0.8, 3.1, 5.5, 8.0 and 10.3 s after
 the start on cells of 0.25 m, and 0.7, 3.4, 6.1, 8.9 and 11.2 s on cells of 0.5 m. The first three take 14 m behind the
-crest, as published, but here two more follow, back to the wall. Of 15.1 / 1.65 kPa the ground lets go in three, and on
-cells of 0.5 m without a pause. What has slid runs out 1.7 times as far as published, and leaves the scarp without
+crest, as published, but here two more follow, back to the wall. Of 15.1 / 1.65 kPa the ground lets go in two, and on
+cells of 0.5 m at once. What has slid runs out 1.7 times as far as published, and leaves the scarp without
 support. The clay bears no tension: else grains that come loose carry it along, which throws them about. Then the slide
 of 15.1 kPa runs out 46 m, and over the weaker clay a fifth of the campaign's rough runs leave the grid.
 """

@@ -1,9 +1,9 @@
 """Slopes with known factors of safety, by the limit load: error against cell and seconds.
 
 Eighteen answers of the literature, by strength reduction where published. Each slope is solved on one or two cells,
-with the settings that its soil has by default: clay with F-bar, soil with friction with its volumetric strain averaged
-over cells. The factor is the kink of displacement over R (see `jaxmpm.factor_of_safety`). What random soil does to such
-slopes, Example 2 of Jiang et al. (2024) among them, is in `random_slopes`.
+with the settings that its soil has by default, volumetric strain averaged over cells. The factor is the kink of
+displacement over R (see `jaxmpm.factor_of_safety`). What random soil does to such slopes, Example 2 of Jiang et al.
+(2024) among them, is in `random_slopes`.
 
 Special cases have figures of their own, on their finest cell: a weak seam on rock in half a cell and in one, and as the
 strength of the base; a weak band that falls with the slope; sand half of whose weight water bears, with 5 % of PIC.

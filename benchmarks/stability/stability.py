@@ -112,7 +112,7 @@ def collapse_rows(quick: bool) -> Iterator[Row]:
     length = mpm.cell_independent(NUMERICS, clay).internal_length
     for reduction, shape in ((2.0, SLOPE), (5.0, room)):
         name = f"collapse at R = {reduction:g}, default settings of scenes"
-        yield collapse(name, clay, reduction, shape, fbar=True, internal_length=length)
+        yield collapse(name, clay, reduction, shape, cell_average=True, internal_length=length)
     yield collapse("residual strength 0", replace(CLAY, residual_ratio=0.0), shape=room)
     for fbar in (True,) if quick else (False, True):
         yield collapse(f"nu = 0.499, F-bar {'on' if fbar else 'off'}", replace(CLAY, poisson=0.499), fbar=fbar)

@@ -174,7 +174,8 @@ def risk_of(
         came = {what: slid[f"{what}_at_{exposed.key}"] for what in ("thickness", "speed", "arrival")}
         reached = np.isfinite(came["arrival"])
         chance = chance_of(estimate, weight, reached[:, None])
-        low, high = float(chance.low[0]), float(chance.high[0])
+        # A slide that had not come to rest may reach it yet.
+        low, high = float(chance.low[0]), estimate.interval[1] if at_least else float(chance.high[0])
         # Nothing that comes after the end of the runs is seen.
         limits = {"arrival": cut.t_end}
         spreads = {
@@ -188,14 +189,14 @@ def risk_of(
             each = np.where(reached, exposed.value * exposed.vulnerability.share(came[exposed.vulnerability.of]), 0.0)
             # Shares of the value do not fall.
             most = exposed.value * exposed.vulnerability.lost[-1] * high
-            loss = ElementLoss(exposed.value, *expected_of(estimate, weight, each, most), at_least)
+            loss = ElementLoss(exposed.value, *expected_of(estimate, weight, each, most, at_least), at_least)
             lost, bound = lost + each, bound + most
         elements[exposed.name] = Element(Reached(float(chance.value[0]), (low, high), at_least), **spreads, loss=loss)
     if all(element.loss is None for element in elements.values()):
         return Risk(elements, None)
     part, whole, modes = weight * lost, float(weight @ lost), slid["mode"]
     loss_of_all = Loss(
-        *expected_of(estimate, weight, lost, bound),
+        *expected_of(estimate, weight, lost, bound, at_least),
         at_least,
         exceedance=exceedance(estimate, weight, lost, np.unique(np.concatenate([[0.0], lost]))),
         modes={mode: float(part[modes == mode].sum() / whole) for mode in SEVERITY if mode in modes and whole},
@@ -209,7 +210,7 @@ def risk_of(
 
 
 def expected_of(
-    estimate: Estimate, weight: np.ndarray, amount: np.ndarray, bound: float
+    estimate: Estimate, weight: np.ndarray, amount: np.ndarray, bound: float, at_least: bool
 ) -> tuple[float, tuple[float, float]]:
     """Expected value over all samples, and its interval.
 
@@ -219,10 +220,11 @@ def expected_of(
         amount: that each slide brings (n,).
         bound: limit of the expected value: the upper limit of the probability that anything is lost times all that may
             be lost.
+        at_least: whether slides had not come to rest, so that more may be lost, up to the bound.
     """
     mean = mean_of(estimate, weight, amount)
     low, high = float(mean.low), float(mean.high)
-    return float(mean.value), (low, min(high, bound) if np.isfinite(high) else bound)
+    return float(mean.value), (low, bound if at_least or not np.isfinite(high) else min(high, bound))
 
 
 def spread_of(values: np.ndarray, weight: np.ndarray, level: float, *, at_least: bool, most: float) -> Spread | None:

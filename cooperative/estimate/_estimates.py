@@ -81,7 +81,8 @@ def with_variance(
         independent: samples that there are: however little varies among them, none of 10 failing leaves P_f open to
             0.28.
     """
-    share = min(max(probability, 0.0), 1.0)
+    # Ten weights of 0.1 add up to 1 - 1e-16.
+    share = 1.0 if probability > 1 - 1e-12 else max(probability, 0.0)
     cov = float(np.sqrt(variance) / share) if share > 0 else float("inf")
     if variance > 0:
         # At 0 or 1 one standard error away stands for P_f in the binomial variance.

@@ -285,7 +285,8 @@ def _contact(shape: Ground) -> str:
 
 def _name(ax: Axes, name: str, at: tuple[float, float]) -> None:
     """Write the name of an element at risk above it."""
-    ax.annotate(name, at, color=EXPOSED, fontsize="small", xytext=(0, 8), textcoords="offset points")
+    text = ax.annotate(name, at, color=EXPOSED, fontsize="small", xytext=(0, 8), textcoords="offset points")
+    text.set_parse_math(False)
 
 
 def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:

@@ -158,10 +158,10 @@ def more(summary: Summary) -> str:
         return ""
     if not left:
         # Where all fail the coefficient is 0, and no measure of what is known.
-        what = f"bring the coefficient of variation below {now:.1%}" if now else "narrow the interval"
+        what = f"bring the coefficient of variation below {now:.1%}" if now >= 5e-4 else "narrow the interval"
         which = "samples" if summary.coarse_samples is None else "rough samples"
         return f"All {which} are refined: only more {which} would {what}."
-    if not now:
+    if now < 5e-4:
         return ""
     first = f"Another {runs} refined runs would reduce the coefficient of variation from {now:.1%} to {then:.1%}"
     if runs == left:

@@ -89,8 +89,8 @@ def factor_of_safety(
 
     Args:
         campaign: the campaign.
-        k_h: pseudo-static horizontal acceleration over gravity, towards the lower end of the ground, below 0 away from
-            it; None for the scene's own.
+        k_h: pseudo-static horizontal acceleration over gravity, as `jaxmpm.section`, below 0 the other way; None for
+            the scene's own.
         water: by how much the water level is raised (m).
         sample: number of the sample whose soil it is, None for median soil.
         grid: "rough" or "refined", of the solver, and of the field at slip surfaces.

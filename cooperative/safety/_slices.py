@@ -128,7 +128,7 @@ class Conditions(TypedDict, total=False):
     Args:
         water: level or points (x, z) of the water table (m).
         r_u: pore pressure over the weight of the soil above.
-        k_h: pseudo-static horizontal acceleration over gravity, towards the lower end of the surface.
+        k_h: pseudo-static horizontal acceleration over gravity, as `jaxmpm.section`.
         k_v: vertical one, upwards, by which soil weighs less; the horizontal force does not.
         rock: numbers of the layers that are rock.
     """
@@ -228,7 +228,7 @@ class Slices:
         shape: outline.
         given: of `inputs`.
         seams: lines (n, 2) m along thin layers of soil, and along the base where it is a joint.
-        k_h: pseudo-static acceleration over gravity, towards the lower end of the surface.
+        k_h: pseudo-static acceleration over gravity, as `jaxmpm.section`.
         strength: at the bases of slices, None for that of the layers.
         slices: that a surface has, about.
     """
@@ -311,8 +311,7 @@ class Slices:
     def _complete(self, frame: DataFrame) -> None:
         """Give slices their strength, and the earthquake its direction, which for xslope always drives them."""
         falls = 1 if frame["y_lt"].iloc[0] >= frame["y_rt"].iloc[-1] else -1
-        lower_end = 1 if self.shape.surface[0][1] >= self.shape.surface[-1][1] else -1
-        if self.k_h * falls * lower_end < 0:
+        if self.k_h * falls * self.shape.downhill < 0:
             frame["kw"] = -frame["kw"]
         if self.strength is not None:
             layer = frame["mat"].to_numpy(int) - 1

@@ -267,6 +267,11 @@ def check_campaign(campaign: Campaign) -> None:
         raise ValueError(
             f"least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
         )
+    if run.failure_displacement > (longest := max(campaign.site.shape.extent)):
+        raise ValueError(
+            f"failure_displacement = {run.failure_displacement:g} m, while the ground is {longest:g} m long: were mm "
+            "or cm meant?"
+        )
     for layer in campaign.site.layers:
         try:
             _check_own_fields(campaign, layer)
@@ -285,6 +290,11 @@ def check_campaign(campaign: Campaign) -> None:
         raise ValueError(
             f"the coarse grid has cells of {campaign.coarse.cell:g} m, the rough one of {campaign.rough.cell:g} m: "
             "give [coarse] larger cells"
+        )
+    if campaign.refined.cell > campaign.rough.cell:
+        raise ValueError(
+            f"the refined grid has cells of {campaign.refined.cell:g} m, the rough one of {campaign.rough.cell:g} m: "
+            "give [refined] the smaller ones"
         )
     if plan.screening_stop is not None and "rough" in plan.modes:
         raise ValueError(

@@ -10,11 +10,17 @@ from cooperative.scene._fields import LIMITS, RandomField
 from jaxmpm import Ground, ground
 from jaxmpm.soil import Plausible, unit_slip
 
-ON_PURPOSE = "If it is meant as it is, say unusual = true in {}"
-"""The remedy of a number that is unusual, with the table in which to say so."""
+ON_PURPOSE = "If it is meant as it is, give unusual = true in {}"
+"""The remedy of a number that is unusual, with the table in which to declare it."""
 
 HIGHEST = 3000.0
 """Height (m) of a slope from its foot to its top that is plausible."""
+
+ERROR = Plausible(most=3.0, above="it is a share of the field's deviation; were the parameter's units meant?")
+"""Errors of measured values that are plausible."""
+
+LEAST_ERROR = 1e-3
+"""Share of the mean from which on its standard error is plausible."""
 
 COV = Plausible(most=3.0, above="it is a share, 1 for 100 per cent; were per cent meant?")
 """Coefficients of variation that are plausible."""
@@ -35,7 +41,7 @@ def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
         where: name of the parameter, for messages.
         name: of the parameter.
         field: that it is.
-        home: table in which a reader says that it is meant.
+        home: table in which its author declares that it is meant.
 
     Raises:
         ValueError: a number betrays another unit, or lengths another order.
@@ -43,6 +49,12 @@ def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
     asked = partial(ask, home=home)
     asked(f"{where} mean", name, field.mean)
     asked(f"{where} cov", name, field.cov, COV)
+    asked(f"{where} borehole_error", name, field.borehole_error, ERROR)
+    if 0 < field.mean_error < LEAST_ERROR * abs(field.mean):
+        raise ValueError(
+            f"{where} mean_error = {field.mean_error:g}, less than a thousandth of the mean, {field.mean:g}: was "
+            f"another unit meant? {ON_PURPOSE.format(home)}"
+        )
     # Angles may well come down to a degree.
     for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
         asked(f"{where} {end}", name, getattr(field, end) or 0.0)
@@ -67,7 +79,7 @@ def ask(where: str, name: str, value: float, plausible: Plausible | None = None,
         name: of the parameter.
         value: in its unit.
         plausible: range, None for that of the parameter.
-        home: table in which a reader says that it is meant.
+        home: table in which its author declares that it is meant.
 
     Raises:
         ValueError: it betrays another unit, see `jaxmpm.soil.unit_slip`.

@@ -148,7 +148,7 @@ def check_limit_load(run: tables.Run, given: LimitLoad | None) -> None:
     asked = run.failure == "limit load"
     if asked and "failure_displacement" in run.model_fields_set:
         raise ValueError(
-            "[run] failure_displacement has no say beside failure = 'limit load', which finds it: leave it out"
+            "[run] failure_displacement has no effect beside failure = 'limit load', which finds it: leave it out"
         )
     if given is None:
         return

@@ -217,7 +217,7 @@ def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
 
 
 def _check_kind(values: Mapping[str, object], given: Collection[str], label: Label, home: str) -> None:
-    """Clay has a strength, other soil cohesion and friction; ValueError for what has no say."""
+    """Clay has a strength, other soil cohesion and friction; ValueError for what has no effect."""
     frictional = [name for name in ("cohesion", "friction") if values[name] is not None]
     undrained = [name for name in ("strength", "strength_ratio") if values[name] is not None]
     if frictional and undrained:
@@ -237,7 +237,7 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
         )
     if not frictional and not undrained:
         raise ValueError(
-            "the scene says neither what strength nor what cohesion and friction its soil has: add [strength] with "
+            "the soil has neither a strength nor cohesion and friction: add [strength] with "
             "mean, cov and length, or cohesion and friction to [soil]"
             if home == "[soil]"
             else "neither it nor [soil] gives its strength: add strength for undrained soil, or cohesion and friction"
@@ -249,7 +249,7 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
     for name in OF_CLAY if frictional else OF_FRICTION:
         if name in given:
             kind = "soil with cohesion and friction" if frictional else "undrained soil"
-            raise ValueError(f"{label(name)} has no say in {kind}: leave it out")
+            raise ValueError(f"{label(name)} has no effect in {kind}: leave it out")
 
 
 def _field(table: tables.Varying) -> RandomField:

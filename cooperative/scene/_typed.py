@@ -151,7 +151,7 @@ def read_scene(path: Path) -> Source:
 
 
 def _origin(scene: Mapping[str, object]) -> tuple[float, float]:
-    """Of a terrain, as the scene has it; (0, 0) where it has none that will do, which is told when it is read."""
+    """Of a terrain, as the scene has it; (0, 0) where it has none that will do, which is reported when it is read."""
     given = table_of(scene, "terrain").get("origin")
     known = isinstance(given, list) and len(given) == 2 and all(isinstance(each, int | float) for each in given)
     return (float(given[0]), float(given[1])) if known and isinstance(given, list) else (0.0, 0.0)
@@ -216,7 +216,9 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
 
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     if table.cut == "free" and table.polygon is None:
-        raise ValueError("[terrain] cut = 'free' has no say without a polygon, a depth is always fixed: leave it out")
+        raise ValueError(
+            "[terrain] cut = 'free' has no effect without a polygon, depths are always fixed: leave it out"
+        )
     surface = cast(Raster, table.surface)
     cells = tuple(grid.cell for grid in (scene.coarse, scene.rough, scene.refined) if grid is not None)
     if table.origin is None:
@@ -344,6 +346,6 @@ def _given(scene: tables.Scene, estimator: Estimator | None) -> str | None:
     named = [key for key in ("estimator", *SETTINGS) if key in scene.campaign.model_fields_set and key != "k_t"]
     if named:
         raise ValueError(
-            f"[campaign] {named[0]} has no say beside estimator = {estimator!r}: leave it out of the scene"
+            f"[campaign] {named[0]} has no effect beside estimator = {estimator!r}: leave it out of the scene"
         )
     return repr(estimator)

@@ -50,7 +50,7 @@ def open_store(
         there = refuse_another(folder, source)
         if there is None and set(others) - {CAMPAIGN}:
             raise ValueError(
-                f"folder {folder} holds {shown(sorted(others)[0])} but no scene.toml, so it is not a campaign: "
+                f"folder {folder} holds {shown(sorted(set(others) - {CAMPAIGN})[0])}, and no campaign has begun there: "
                 "give a new or empty folder"
             )
         lock = _taken_lock(folder)
@@ -89,7 +89,7 @@ def read_store(folder: str | Path) -> Store:
     """
     source = stored_source(Path(folder))
     if source is None:
-        raise ValueError(f"folder {folder} has no scene.toml: give the folder of a campaign")
+        raise ValueError(f"folder {folder} holds no campaign: give the folder of one, of a sweep one in its campaigns/")
     return Store(Path(folder), source, None)
 
 

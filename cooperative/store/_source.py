@@ -132,7 +132,8 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
         folder: of the campaign, or of a sweep.
         scene: name of the file with the scene.
 
-    A scene without `defaults` was begun before these were stored, and gets those of that time.
+    A scene without `defaults` beside samples was begun before these were stored, and gets those of that time. Without
+    samples it is a scene that somebody put there.
 
     Raises:
         ValueError: a file is no regular file, no text, no TOML or no JSON.
@@ -147,7 +148,11 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
         raise ValueError(f"{path} is not text in UTF-8: {error}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
-    return Source(text, beside if "defaults" in tables else beside | tomllib.loads(FIRST_DEFAULTS), begun=True)
+    if "defaults" in tables:
+        return Source(text, beside, begun=True)
+    if not (folder / ("samples" if scene == SCENE else "campaigns")).is_dir():
+        return None
+    return Source(text, beside | tomllib.loads(FIRST_DEFAULTS), begun=True)
 
 
 def _beside(path: Path) -> dict[str, object]:

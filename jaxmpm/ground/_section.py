@@ -119,6 +119,11 @@ class Section:
         return max(z for _, z in self.surface) - min(z for _, z in self.surface)
 
     @property
+    def downhill(self) -> int:
+        """Direction along x in which the ground falls: to its toe, or to its lower end where it has none; 1 or -1."""
+        return 1 if self.toe is not None or self.surface[0][1] >= self.surface[-1][1] else -1
+
+    @property
     def volume(self) -> float:
         """Area of the section (m2), its volume per metre of width."""
         x = knots(self.outline(), [])
@@ -258,7 +263,7 @@ def section(
         water: level or points (x, z) of the water table (m), a level pool where it is above the ground, see
             `WaterTable`.
         r_u: instead, pore pressure over the weight of the soil above.
-        k_h: pseudo-static acceleration over gravity, towards the lower end of the surface.
+        k_h: pseudo-static acceleration over gravity, towards the toe, or the lower end of the surface without one.
         k_v: pseudo-static acceleration over gravity, upwards.
         motion: of the base, from time 0, after the initial stress; the section is solved in its frame.
         ends: constraint of both ends. "left fixed" and "right fixed" leave the other on a roller. "tied" identifies
@@ -266,7 +271,7 @@ def section(
             moves as a column of infinite ground. "free field" ends the section without walls where the ground is level:
             dashpots join it to columns of level ground with the same layers and motion, and absorb waves, see
             `FreeField`.
-        speed: largest particle speed that the time step allows for (m/s), by default of a fall through the height.
+        speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.
 
     Returns:
@@ -277,7 +282,6 @@ def section(
             a particle, one of several layers has a parameter per particle, or sizes do not fit the grid; with
             coordinates.
     """
-    towards = 1 if shape.surface[0][1] >= shape.surface[-1][1] else -1
     along, down = pseudo_static(gravity, k_h, k_v, 2)
     if ends not in HELD and ends not in ("tied", "free field"):
         raise ValueError(f"ends = {ends!r}: give {', '.join(map(repr, HELD))}, 'tied' or 'free field'")
@@ -314,7 +318,7 @@ def section(
             tied=(PADDING, PADDING + cells[0]) if ends == "tied" else None,
         ),
         loads=Loads(
-            gravity=(towards * along, down),
+            gravity=(shape.downhill * along, down),
             water=table,
             pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, [top(x) for top in tops]),
             motion=motion,
@@ -324,7 +328,7 @@ def section(
     state = settled(built, state) if at_rest else state
     if ends != "free field":
         return built, state
-    column = partial(section, ends="tied", gravity=gravity, r_u=r_u, k_h=towards * k_h, k_v=k_v, at_rest=at_rest)
+    column = partial(section, ends="tied", gravity=gravity, r_u=r_u, k_h=shape.downhill * k_h, k_v=k_v, at_rest=at_rest)
     return with_free_field(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, column))
 
 

@@ -295,7 +295,7 @@ def terrain(
         water: level (m) or heights of the water table, a pool where it lies above the ground, see `WaterSurface`.
         r_u: instead, pore pressure over the weight of the soil above.
         ends: constraint of the four walls.
-        speed: largest particle speed that the time step allows for (m/s), by default of a fall through the height.
+        speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.
 
     Returns:

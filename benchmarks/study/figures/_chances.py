@@ -31,7 +31,7 @@ READINGS = {
     "CFL 0.9": "time step longer (CFL 0.9)",
     "one particle a cell": "one particle per cell, not four",
     "F-bar": "F-bar, which cures locking",
-    "default": "default settings: F-bar, and\nbands as thick on every grid",
+    "default": "default settings: strain averaged over\ncells, bands as thick on every grid",
 }
 """Readings that need more words than their names."""
 

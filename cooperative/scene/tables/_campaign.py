@@ -85,8 +85,8 @@ class Run(Table):
 
     gravity: Annotated[float, Within(above_zero("m/s2"))] = key("Acceleration of gravity.", 9.81, 9.81)
     k_h: Annotated[float, Within(Limit(above=-1, below=1))] = key(
-        "Pseudo-static horizontal acceleration over gravity: towards the lower end of a section or slope, along x in a "
-        "terrain. The initial stress holds it, as that of elastic loading.",
+        "Pseudo-static horizontal acceleration over gravity: towards the toe, or the lower end of a section without "
+        "one; along x in a terrain. The initial stress holds it, as that of elastic loading.",
         0.1,
         0.0,
         synonyms="kh seismic_coefficient",

@@ -18,7 +18,7 @@ LONGEST_NAME = 60
 def _threshold(value: object) -> tuple[Intensity, float]:
     of, level = quantity("", value)
     if not level > 0:
-        raise ValueError(f" = {value!r}: give more than 0, what is reached is told anyway")
+        raise ValueError(f" = {value!r}: give more than 0, what is reached is reported anyway")
     return of, level
 
 

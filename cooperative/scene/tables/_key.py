@@ -147,7 +147,7 @@ OrTable = Annotated[
     Annotated[T, Tag("(number)")] | Annotated[F, Tag("(table)")],
     Discriminator(lambda value: "(table)" if isinstance(value, dict | Table) else "(number)"),
 ]
-"""A number, or a table that says how it varies."""
+"""A number, or a table of how it varies."""
 
 
 def as_points(value: object) -> tuple[tuple[float, float], ...]:

@@ -277,7 +277,7 @@ def wanted(schema: Schema, *, ends: bool = True) -> str:
     if "const" in schema:
         return repr(schema["const"])
     if "$ref" in schema:
-        return "a table" if ends else "a table that says how it varies"
+        return "a table" if ends else "a table of how it varies"
     kind = schema["type"]
     if kind == "array":
         return _list(schema, ends)

@@ -76,7 +76,7 @@ class Scene(Table):
 
     @validates(mode="after")
     def _idle_keys(self) -> Self:
-        """Keys have a say."""
+        """Keys have an effect."""
         if self.soil is None:
             if self.strength is not None or not self.layer:
                 raise ValueError(" lacks [soil]: add it, or give each [[layer]] all of its own soil")
@@ -87,8 +87,8 @@ class Scene(Table):
         cut_off = any("tension_cutoff" in table.model_fields_set for table in soils)
         if "gap_memory" in self.soil.model_fields_set and not cut_off:
             raise ValueError(
-                ": [soil] gap_memory has no say in soil without tension_cutoff, which opens no gap: leave it out, or "
-                "give tension_cutoff"
+                ": [soil] gap_memory has no effect in soil without tension_cutoff, which opens no gap: leave it out, "
+                "or give tension_cutoff"
             )
         return self
 
@@ -110,7 +110,7 @@ class Scene(Table):
         """A scene has one ground, and tables that this ground has."""
         given = [name for name in SITES if getattr(self, name) is not None]
         if len(given) != 1:
-            has = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "says no ground"
+            has = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "has no ground"
             raise ValueError(f" {has}: give one of {', '.join(f'[{name}]' for name in SITES)}")
         for name in ("layer", "water"):
             if getattr(self, name) and self.slope is not None:

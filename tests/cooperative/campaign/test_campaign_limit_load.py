@@ -122,7 +122,7 @@ def test_a_folder_of_before_counts_any_particle(tmp_path):
 
 def test_what_does_not_go_with_it_is_refused():
     both = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nfailure_displacement = 0.5")
-    with pytest.raises(ValueError, match="failure_displacement has no say beside failure = 'limit load'"):
+    with pytest.raises(ValueError, match="failure_displacement has no effect beside failure = 'limit load'"):
         parse(both)
     table = "\n[limit_load]\nfactor = 1.1\ndisplacement = 0.3\n"
     with pytest.raises(ValueError, match=r"table \[limit_load\] without"):

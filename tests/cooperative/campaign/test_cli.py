@@ -200,9 +200,9 @@ def test_fields_that_were_not_stored_are_named(tiny_campaign, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["status", "{nothing}"], "has no scene.toml: give the folder of a campaign"),
-        (["resume", "{nothing}"], "has no scene.toml: give the folder of a campaign"),
-        (["export", "{nothing}"], "has no scene.toml: give the folder of a campaign"),
+        (["status", "{nothing}"], "holds no campaign: give the folder of one"),
+        (["resume", "{nothing}"], "holds no campaign: give the folder of one"),
+        (["export", "{nothing}"], "holds no campaign: give the folder of one"),
         (["export", "{empty}"], "no finished sample yet: start the run first"),
         (["report", "{empty}"], "no finished sample yet: start the run first"),
         (["export", "{empty}", "--sample", "5"], "sample 5 is not finished on the refined grid: give one of none yet"),

@@ -23,6 +23,7 @@ def test_a_new_scene_has_todays_default_and_its_own_word():
 
 
 def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
+    (tmp_path / "samples").mkdir()
     (tmp_path / "scene.toml").write_text(TINY)
     store = read_store(tmp_path)
     assert {shape.cfl for shape in campaign_of(store).grids.values()} == {0.5}
@@ -37,7 +38,7 @@ def test_a_folder_begun_before_goes_on_with_the_default_of_its_time(tmp_path):
 
 def test_a_folder_begun_with_a_step_that_is_refused_now_still_opens(tmp_path):
     for name, cfl in (("first", 0.5), ("later", 0.9)):
-        (tmp_path / name).mkdir()
+        (tmp_path / name / "samples").mkdir(parents=True)
         defaults = "" if name == "first" else "\n[defaults]\ncfl = 0.9\n"
         (tmp_path / name / "scene.toml").write_text(TINY.replace("[rough]", '[rough]\nscheme = "usl"') + defaults)
         assert campaign_of(read_store(tmp_path / name)).rough.cfl == cfl
@@ -67,7 +68,7 @@ def test_a_folder_that_was_killed_as_it_began_is_begun_anew(tmp_path):
     for content in ('{"defaults": {"cfl": 0.7, "gap_memory": true}}', '{"defaults": {"cfl": 0.7}, "files": {}}'):
         (tmp_path / "campaign.json").write_text(content)
         assert settled(TINY, tmp_path).beside["defaults"]["cfl"] == 0.9
-        with pytest.raises(ValueError, match=r"has no scene\.toml"):
+        with pytest.raises(ValueError, match="holds no campaign"):
             read_store(tmp_path)
     with open_store(tmp_path, TINY) as store:
         assert store.digest == scene_digest(TINY)
@@ -178,15 +179,20 @@ def test_campaigns_and_sweeps_look_in_their_folders(tmp_path, monkeypatch):
     monkeypatch.setattr(campaign.runs, "check_size", look)
     monkeypatch.setattr(sweep, "check_size", look)
     swept = TINY + "[sweep]\ncov = [0.2]\n"
-    for begin, name, text in ((campaign.run, "scene.toml", TINY), (sweep.run, "sweep.toml", swept)):
-        for begun in (False, True):
-            folder = tmp_path / f"{name}-{begun}"
+    for begin, name, inside, text in (
+        (campaign.run, "scene.toml", "samples", TINY), (sweep.run, "sweep.toml", "campaigns", swept)
+    ):  # fmt: skip
+        for made in ("nothing", "its text", "its text and results"):
+            folder = tmp_path / f"{name}, {made}"
             folder.mkdir()
-            if begun:
+            if made != "nothing":
                 (folder / name).write_text(text)
+            if "results" in made:
+                (folder / inside).mkdir()
             with pytest.raises(_Looked):
                 begin(text, folder)
-    assert seen == [{0.9}, {0.5}, {0.9}, {0.5}]
+    # A scene alone was put there by its author, and has today's defaults.
+    assert seen == 2 * [{0.9}, {0.9}, {0.5}]
 
 
 @pytest.mark.parametrize(

@@ -140,6 +140,8 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     # Every sample has run: there are no more to buy.
     assert summary.after_more_runs.samples_left == 0
     assert "only more samples would bring" in words.more(summary)
+    rounded = replace(summary, coefficient_of_variation=3e-9)
+    assert words.more(rounded).endswith("would narrow the interval.")
     certain = replace(summary, coefficient_of_variation=0.0)  # as where all fail
     assert words.more(certain) == "All samples are refined: only more samples would narrow the interval."
     left = replace(certain, after_more_runs=replace(certain.after_more_runs, runs=2, samples_left=4))

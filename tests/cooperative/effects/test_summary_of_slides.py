@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from benchmarks.robustness.invented import LAYERED
 from cooperative.reporting import _page
 from cooperative.reporting import _sentences as words
 from cooperative.runs import phases_of
@@ -149,6 +150,9 @@ def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_leas
     assert "at least 0.1" in text
     assert "interval of what 20 s show" in text
     assert "4 of 5 slides had not come to rest" in words.cut_off(summary)
+    # Each failure may reach the road yet, and all that it is worth may then be lost.
+    road, most = summary.elements_at_risk["road"], summary.interval[1]
+    assert (road.reached.interval[1], road.loss.interval[1]) == (most, pytest.approx(1000 * most))
     settled = summarise(*five_slides())
     assert settled.cut_off.at_t_end == 0
     assert not any(each.at_least for each in settled.consequences_of_failures.values())
@@ -184,3 +188,14 @@ def test_runs_that_settled_close_to_failure_are_named():
     refined.columns["displacement"][7:9] = 0.21, 0.19
     (note,) = summarise(campaign, rough, refined).notes
     assert note.startswith("1 of 15 refined runs that stand settled after 0.21 m, more than 0.2 of the 1 m")
+
+
+@pytest.mark.parametrize(("left", "named"), [(10.0, False), (8.9, False), (6.0, True)])
+def test_ground_with_a_second_face_is_named(left, named):
+    two_faced = LAYERED.replace("[[0.0, 10.0], [8.0", f"[[0.0, {left}], [4.0, 10.0], [8.0").replace(
+        "[[layer]]", "toe = 16.0\n[[layer]]", 1
+    )
+    campaign, rough, refined = five_slides()
+    notes = summarise(replace(campaign, ground=parse(two_faced).site), rough, refined).notes
+    note = "the ground falls by 4 m on the other side of its crest too. A slide there is a failure, and its run-out is"
+    assert any(note in each for each in notes) == named

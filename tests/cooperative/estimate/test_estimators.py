@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
 from cooperative.estimate import published, wilson_interval
+from cooperative.estimate._estimates import with_variance
 
 
 @given(st.integers(1, 2000), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))
@@ -16,6 +17,11 @@ def test_wilson_agrees_with_scipy(samples, share, level):
     theirs = binomtest(failures, samples).proportion_ci(level, method="wilson")
     assert ours == pytest.approx((theirs.low, theirs.high), abs=1e-12)
     assert 0 <= ours[0] <= failures / samples <= ours[1] <= 1
+
+
+def test_weights_that_add_up_to_1_but_for_rounding_are_certain():
+    assert sum([0.1] * 10) < 1
+    assert with_variance("two-phase", sum([0.1] * 10), 0.0, 10).probability == 1
 
 
 def test_wilson_covers_on_average():

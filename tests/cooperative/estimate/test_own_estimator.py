@@ -101,9 +101,9 @@ def test_a_folder_goes_on_with_its_own_estimator_only(done):
 
 
 def test_what_does_not_go_with_a_given_estimator_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"estimator has no say beside estimator = EveryKth\(k=2\)"):
+    with pytest.raises(ValueError, match=r"estimator has no effect beside estimator = EveryKth\(k=2\)"):
         parse(TINY, EveryKth(2))
-    with pytest.raises(ValueError, match=r"refined_runs has no say"):
+    with pytest.raises(ValueError, match=r"refined_runs has no effect"):
         parse(SCENE.replace("seed = 3", "seed = 3\nrefined_runs = 20"), TwoPhase(refined_runs=10))
     with pytest.raises(ValueError, match=r"samples = 6: give a multiple of k = 4"):
         parse(SCENE, EveryKth(4))

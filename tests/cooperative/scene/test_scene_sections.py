@@ -165,7 +165,7 @@ def test_ground_below_the_water_bears_its_saturated_weight_less_what_water_bears
 
 
 def test_undrained_clay_has_no_saturated_weight():
-    with pytest.raises(ValueError, match="saturated_unit_weight has no say in undrained soil"):
+    with pytest.raises(ValueError, match="saturated_unit_weight has no effect in undrained soil"):
         parse(changed(TINY, ("young = 2e7", "young = 2e7\nsaturated_unit_weight = 20e3")))
     weight = "saturated_unit_weight = 20e3"
     assert parse(changed(WET, (weight, "saturated_unit_weight = 17e3\nunusual = true"))).soil is not None

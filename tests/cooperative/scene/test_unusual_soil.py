@@ -21,6 +21,7 @@ def test_a_campaign_under_way_is_not_asked_about_its_numbers(tmp_path):
     with pytest.raises(ValueError, match=r"\[run\] gravity = 490.5 m/s2, above 30 m/s2"):
         run(odd, tmp_path / "new")
     assert not (tmp_path / "new").exists()
+    (tmp_path / "samples").mkdir()
     (tmp_path / "scene.toml").write_text(odd)
     assert campaign_of(read_store(tmp_path)).soil.young == 1e5
     with pytest.raises(ValueError, match="workers = 0"):

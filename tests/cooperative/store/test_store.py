@@ -84,7 +84,7 @@ def test_a_folder_says_what_it_is_once(tmp_path):
 
 def test_a_folder_from_before_gets_the_text_and_a_link_of_that_name_is_left_alone(tmp_path):
     for name in ("old", "linked"):
-        (tmp_path / name).mkdir()
+        (tmp_path / name / "samples").mkdir(parents=True)
         (tmp_path / name / "scene.toml").write_text(SCENE)
     elsewhere = tmp_path / "elsewhere.txt"
     elsewhere.write_text("theirs")
@@ -128,7 +128,7 @@ def test_readers_need_no_lock_and_write_nothing(tmp_path):
         assert read_rows(reader, "rough").numbers == [0]
         with pytest.raises(ValueError, match="open for reading"):
             write_sample(reader, "rough", sample(1))
-    with pytest.raises(ValueError, match=r"no scene\.toml"):
+    with pytest.raises(ValueError, match="holds no campaign"):
         read_store(tmp_path / "elsewhere")
 
 
@@ -164,6 +164,15 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"thesis\.txt.*new or empty folder"):
         open_store(tmp_path, SCENE)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["thesis.txt"]
+
+
+def test_the_folder_of_a_scene_that_never_ran_is_no_campaign(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    with pytest.raises(ValueError, match=r"holds 'scene\.toml', and no campaign has begun there: give a new or empty"):
+        open_store(tmp_path, SCENE)
+    with pytest.raises(ValueError, match="holds no campaign"):
+        read_store(tmp_path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
 
 
 def test_an_unwritable_folder_is_refused(tmp_path, monkeypatch):

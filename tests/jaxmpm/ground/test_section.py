@@ -88,6 +88,13 @@ LAYERS = [
 ]
 
 
+@pytest.mark.parametrize(("left", "toe", "direction"), [(6, None, 1), (1, None, -1), (1, 16, 1)])
+def test_an_earthquake_acts_towards_the_toe_or_the_lower_end(left, toe, direction):
+    bank = mpm.Section([(0, left), (4, 6), (10, 6), (16, 3), (24, 3)], toe=toe)
+    scene, _ = mpm.section(bank, CLAY, HALVES, k_h=0.2, at_rest=False)
+    assert np.allclose(scene.gravity, (direction * 0.2 * 9.81, -9.81))
+
+
 def test_particles_are_of_the_layer_in_which_they_lie():
     scene, _ = mpm.section(FLAT, LAYERS, HALVES, at_rest=False)
     x, z = np.asarray(scene.particles.position)
