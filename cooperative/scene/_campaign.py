@@ -8,6 +8,7 @@ from __future__ import annotations
 import copyreg
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar
 
@@ -129,8 +130,7 @@ class Campaign:
             `FrictionalSoil`, or a frozen dataclass of one's own that meets `jaxmpm.soil.AnySoil`.
         rough: discretisation of the rough grid; single precision unless it has a `dtype`.
         refined: discretisation of the refined grid, likewise.
-        coarse: discretisation of a grid coarser than the rough one, on which all samples run first, likewise; None for
-            none.
+        coarse: discretisation of a grid coarser than the rough one, on which all samples run first, or None for none.
         plan: samples, seed, and what the campaign does.
         random: what varies, by parameter of the soil.
         cross_correlation: of what varies, None without.
@@ -267,11 +267,6 @@ def check_campaign(campaign: Campaign) -> None:
         raise ValueError(
             f"least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
         )
-    if run.failure_displacement > (longest := max(campaign.site.shape.extent)):
-        raise ValueError(
-            f"failure_displacement = {run.failure_displacement:g} m, while the ground is {longest:g} m long: were mm "
-            "or cm meant?"
-        )
     for layer in campaign.site.layers:
         try:
             _check_own_fields(campaign, layer)
@@ -286,16 +281,11 @@ def check_campaign(campaign: Campaign) -> None:
     check_failure(campaign)
     if (campaign.coarse is None) != (plan.rough_samples is None):
         raise ValueError(f"rough_samples = {plan.rough_samples}, coarse = {campaign.coarse}: give both, or neither")
-    if campaign.coarse is not None and campaign.coarse.cell <= campaign.rough.cell:
-        raise ValueError(
-            f"the coarse grid has cells of {campaign.coarse.cell:g} m, the rough one of {campaign.rough.cell:g} m: "
-            "give [coarse] larger cells"
-        )
-    if campaign.refined.cell > campaign.rough.cell:
-        raise ValueError(
-            f"the refined grid has cells of {campaign.refined.cell:g} m, the rough one of {campaign.rough.cell:g} m: "
-            "give [refined] the smaller ones"
-        )
+    for (wide, large), (fine, small) in pairwise((name, grid.cell) for name, grid in campaign.grids.items()):
+        if small > large or (wide == "coarse" and small == large):
+            raise ValueError(
+                f"the {wide} grid has cells of {large:g} m, the {fine} one of {small:g} m: give [{wide}] larger cells"
+            )
     if plan.screening_stop is not None and "rough" in plan.modes:
         raise ValueError(
             f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "

@@ -88,16 +88,22 @@ def ask(where: str, name: str, value: float, plausible: Plausible | None = None,
         raise ValueError(f"{where} = {slip} {ON_PURPOSE.format(home)}")
 
 
-def ask_of_heights(where: str, shape: Ground) -> None:
-    """Check the heights of the ground.
+def ask_of_heights(where: str, shape: Ground, displacement: float) -> None:
+    """Check the heights of the ground, and the failure displacement beside its length.
 
     Args:
         where: table of the scene that gives it.
         shape: of the ground.
+        displacement: of a failure (m).
 
     Raises:
         ValueError: they betray another unit.
     """
+    if displacement > (longest := max(shape.extent)):
+        raise ValueError(
+            f"[run] failure_displacement = {displacement:g} m, while the ground is {longest:g} m long: were mm or cm "
+            f"meant? {ON_PURPOSE.format('[soil]')}"
+        )
     relief, (base, edge) = ground.relief(shape), (shape.corner[-1], shape.extent[-1])
     if relief > HIGHEST:
         raise ValueError(

@@ -68,7 +68,8 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
     ground = _site(scene)
     if not scene.unusual:
-        ask_of_heights(next(name for name in tables.SITES if getattr(scene, name) is not None), ground.shape)
+        where = next(name for name in tables.SITES if getattr(scene, name) is not None)
+        ask_of_heights(where, ground.shape, scene.run.failure_displacement)
     whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
     level = None if scene.water is None else scene.water.level
     site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)
@@ -216,9 +217,7 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
 
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     if table.cut == "free" and table.polygon is None:
-        raise ValueError(
-            "[terrain] cut = 'free' has no effect without a polygon, depths are always fixed: leave it out"
-        )
+        raise ValueError("[terrain] cut = 'free' has no effect without polygon: depth is always fixed, so leave it out")
     surface = cast(Raster, table.surface)
     cells = tuple(grid.cell for grid in (scene.coarse, scene.rough, scene.refined) if grid is not None)
     if table.origin is None:

@@ -77,9 +77,6 @@ class Section:
     def outline(self) -> Outline:
         """Points of the surface, positions of both walls, and height of the base.
 
-        Returns:
-            Outline.
-
         Raises:
             ValueError: If the surface is invalid, does not reach the walls or goes below the base.
         """
@@ -133,8 +130,7 @@ class Section:
         """Check the outline, the toe and the crest.
 
         Raises:
-            ValueError: If the surface is invalid, does not reach the walls or goes below the base, or has no such toe
-                or crest.
+            ValueError: If `outline` refuses the surface, or it has no such toe or crest.
         """
         self.outline()
         _ = self.face

@@ -150,7 +150,7 @@ def test_defaults_in_words_are_those_of_the_code():
     assert "softening_length" not in plain["soil"]
     campaign = parse(TINY)
     assert campaign.soil.softening_length == pytest.approx(plain["slope"]["height"] / 5)
-    finest = {**plain, "rough": {**plain["rough"], "cell": 0.25, "spacing": [0.125, 0.125]}}
+    finest = plain | {grid: plain[grid] | {"cell": 0.25, "spacing": [0.125, 0.125]} for grid in ("rough", "refined")}
     averaged = parse(in_toml(finest)).grids["rough"].internal_length
     assert averaged == pytest.approx(0.4 * campaign.soil.softening_length, rel=0.01)
     assert campaign.plan.slides is None

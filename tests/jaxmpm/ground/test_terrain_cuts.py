@@ -117,7 +117,7 @@ REFUSED = [
     ("polygon = [[0, 0], [17, 0], [0, 8]]", "reaches from x = 0 to 17 m, beyond the walls at 0 and 16 m"),
     ("depth = 0.0", "depth = 0"),
     ('cut = "roller"', r"\[terrain\] cut = 'roller': give one of 'fixed', 'free'"),
-    ('cut = "free"', "cut = 'free' has no effect without a polygon"),
+    ('cut = "free"', "cut = 'free' has no effect without polygon"),
     ('ends = "free"', r"\[terrain\] ends = 'free': give one of 'roller', 'fixed'"),
 ]
 
