@@ -85,7 +85,7 @@ def test_the_folder_of_another_sweep_is_refused(tmp_path, made_up):
     with pytest.raises(ValueError, match="belongs to another sweep"):
         sweep.run(SWEEP.replace("[10, 20.0]", "[10, 30]"), tmp_path / "mine")
     (tmp_path / "letter").write_text("")
-    with pytest.raises(ValueError, match=r"no sweep\.toml"):
+    with pytest.raises(ValueError, match="is not empty, and no sweep has begun there"):
         sweep.run(SWEEP, tmp_path)
 
 

@@ -45,7 +45,7 @@ def test_a_campaign_whose_stderr_is_closed_writes_its_log(tmp_path, monkeypatch)
 def test_the_log_goes_on_tells_an_early_end_and_is_no_link(tmp_path):
     elsewhere = tmp_path / "theirs.txt"
     elsewhere.write_text("theirs")
-    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "samples").mkdir(parents=True)
     (tmp_path / "cut" / "scene.toml").write_text(AUDITED)
     (tmp_path / "cut" / "progress.log").symlink_to(elsewhere)
 
