@@ -12,7 +12,6 @@ from cooperative.runs import phases_of
 from cooperative.scene import Campaign
 from cooperative.store import Rows
 from cooperative.values import Convergence, MoreRuns, OtherEstimate, StandsFor, Summary
-from jaxmpm import Section
 
 __all__ = ["Summary", "slides_of", "summarise", "summary_of", "walls_reached"]
 
@@ -271,11 +270,10 @@ def _loads(campaign: Campaign) -> list[str]:
 def _other_face(campaign: Campaign) -> list[str]:
     """Name a face of a section on the other side of its crest than the toe."""
     shape = campaign.site.shape
-    if not isinstance(shape, Section) or shape.face is None:
+    if campaign.dimension == 3 or shape.face is None:
         return []
-    x, z = shape.outline().points.T
-    top = int(np.argmax(np.where(x <= shape.face.toe_x, z, -np.inf)))
-    fall = float(z[top] - z[: top + 1].min())
+    z = shape.heights(np.linspace(shape.corner[0], shape.face.toe_x, 1025))
+    fall = float(z.max() - z[: int(np.argmax(z)) + 1].min())
     if fall < SECOND_FACE * shape.face.height:
         return []
     return [
