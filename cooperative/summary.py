@@ -273,7 +273,8 @@ def _other_face(campaign: Campaign) -> list[str]:
     if campaign.dimension == 3 or shape.face is None:
         return []
     z = shape.heights(np.linspace(shape.corner[0], shape.face.toe_x, 1025))
-    fall = float(z.max() - z[: int(np.argmax(z)) + 1].min())
+    crest = int(np.flatnonzero(z == z.max())[-1])
+    fall = float(z[crest] - z[: crest + 1].min())
     if fall < SECOND_FACE * shape.face.height:
         return []
     return [

@@ -156,12 +156,13 @@ def more(summary: Summary) -> str:
     runs, left, then = after.runs, after.samples_left, after.coefficient_of_variation
     if now is None or then is None or (left and not runs):
         return ""
+    # Where all fail the coefficient is 0 but for rounding, and no measure of what is known.
+    uncertain = now >= 5e-4
     if not left:
-        # Where all fail the coefficient is 0, and no measure of what is known.
-        what = f"bring the coefficient of variation below {now:.1%}" if now >= 5e-4 else "narrow the interval"
+        what = f"bring the coefficient of variation below {now:.1%}" if uncertain else "narrow the interval"
         which = "samples" if summary.coarse_samples is None else "rough samples"
         return f"All {which} are refined: only more {which} would {what}."
-    if now < 5e-4:
+    if not uncertain:
         return ""
     first = f"Another {runs} refined runs would reduce the coefficient of variation from {now:.1%} to {then:.1%}"
     if runs == left:

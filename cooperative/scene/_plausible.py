@@ -88,7 +88,7 @@ def ask(where: str, name: str, value: float, plausible: Plausible | None = None,
         raise ValueError(f"{where} = {slip} {ON_PURPOSE.format(home)}")
 
 
-def ask_of_heights(where: str, shape: Ground, displacement: float) -> None:
+def ask_of_ground(where: str, shape: Ground, displacement: float) -> None:
     """Check the heights of the ground, and the failure displacement beside its length.
 
     Args:

@@ -16,7 +16,7 @@ from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_gri
 from cooperative.scene._contact import interface_of, on_soil
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
-from cooperative.scene._plausible import ON_PURPOSE, ask_of_heights
+from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground
 from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, between_cells, track_of
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
@@ -69,7 +69,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     ground = _site(scene)
     if not scene.unusual:
         where = next(name for name in tables.SITES if getattr(scene, name) is not None)
-        ask_of_heights(where, ground.shape, scene.run.failure_displacement)
+        ask_of_ground(where, ground.shape, scene.run.failure_displacement)
     whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
     level = None if scene.water is None else scene.water.level
     site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)

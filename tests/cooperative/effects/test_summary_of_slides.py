@@ -190,7 +190,9 @@ def test_runs_that_settled_close_to_failure_are_named():
     assert note.startswith("1 of 15 refined runs that stand settled after 0.21 m, more than 0.2 of the 1 m")
 
 
-@pytest.mark.parametrize(("left", "named"), [(10.0, False), (8.9, False), (6.0, True)])
+@pytest.mark.parametrize(
+    ("left", "named"), [("10.0", False), ("8.9", False), ("6.0", True), ("10.0], [2.0, 6.0", True)]
+)
 def test_ground_with_a_second_face_is_named(left, named):
     two_faced = LAYERED.replace("[[0.0, 10.0], [8.0", f"[[0.0, {left}], [4.0, 10.0], [8.0").replace(
         "[[layer]]", "toe = 16.0\n[[layer]]", 1
