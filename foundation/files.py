@@ -80,7 +80,7 @@ def explained(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        remedy = "make room" if full else "check the disk"
+        remedy = "make room" if full else "check the disk" if path.parent.is_dir() else f"make {path.parent}"
         raise OSError(
             error.errno, f"cannot write {path} ({reason}): {remedy} and start the same command again"
         ) from error

@@ -101,7 +101,8 @@ def _resolved_order(solver: Nystrom | Legendre, covariance: Covariance, extent: 
             require(
                 change < 0.01 * fine[0],
                 f"{type(solver).__name__}: order {order} does not resolve the correlation length {length} m on an axis "
-                f"of {extent} m: raise `largest`, use a longer length, or `exact_lattice`",
+                f"of {extent} m: give a length of {3.5 * extent / solver.largest:.2g} m or more, a higher `largest`, "
+                "or `exact_lattice`",
             )
             warnings.warn(
                 f"{type(solver).__name__}: eigenvalues still move by {change:.1e} of the variance at order {order} "

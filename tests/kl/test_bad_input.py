@@ -54,7 +54,7 @@ def field_points(*columns):
         ((kl.axis.Periodic(SE(2.0), 9.0), SE(2.0)), {}, r"period = 9.0 must be the extent of its axis, 10.0"),
         ((kl.axis.Periodic(SE(300.0), 10.0), SE(2.0)), {}, r"exceeds 20 periods: use `Infinite"),
         ((kl.axis.Periodic(SE(2.0), 10.0), SE(2.0)), {"solver": kl.axis.Haar(4)}, r"Haar cannot take a Periodic axis"),
-        ((SE(1e-3), SE(2.0)), {}, r"does not resolve the correlation length 0.001 m"),
+        ((SE(1e-3), SE(2.0)), {}, r"correlation length 0.001 m on an axis of \S+ m: give a length of 0.0\d+ m or more"),
         ((SE(10.0), SE(2.0)), {"bedding": kl.Bedding(100.0)}, r"dip = 100.0 degrees is outside \[0, 90\]"),
         ((SE(10.0), SE(2.0)), {"bedding": kl.Bedding(10.0, strike=30.0)}, r"strike = 30.0: in two dimensions"),
     ],

@@ -61,6 +61,8 @@ def test_a_scene_is_drawn(tmp_path, capsys):
     assert "a section has nothing to turn" in capsys.readouterr().err
     assert main(["draw", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "mine")]) == 2
     assert "mine is no name of a picture: give a PNG, PDF or SVG" in capsys.readouterr().err
+    assert main(["draw", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "none" / "mine.png")]) == 2
+    assert f"make {tmp_path / 'none'} and start the same command again" in capsys.readouterr().err
 
 
 def test_check_says_what_a_scene_costs(tmp_path, capsys):
