@@ -57,7 +57,7 @@ def read_rows(
 
 
 def head(path: Path) -> dict[str, Any]:
-    """What the first line of a file, a comment, says as JSON."""
+    """What the first line of a file, a comment, holds as JSON."""
     with path.open() as file:
         known: dict[str, Any] = json.loads(file.readline().removeprefix("# "))
     return known

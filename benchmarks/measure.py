@@ -70,7 +70,7 @@ def scene_campaign(name: str, defaults: str = "") -> Campaign:
 
 
 def code_digest(*texts: str) -> str:
-    """Of the code that runs, native kernels included, and of texts that say what it runs."""
+    """Of the code that runs, native kernels included, and of the scenes that it runs."""
     digest = hashlib.sha256("\0".join(texts).encode())
     for package in ("foundation", "jaxmpm", "kl", "cooperative"):
         for path in sorted((ROOT / package).rglob("*")):

@@ -1,7 +1,7 @@
 """`benchmarks/RESULTS.md` from the stored answers: one page to judge by, all figures, the tables behind.
 
 `python -m benchmarks NAME --keep` keeps the JSON of a benchmark in benchmarks/data/results and writes the page anew, so
-that each part of it is as old as its own line says.
+that each part of it has the age that its own line gives.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def installation() -> Iterator[tuple[str, str]]:
         if mappings
         else "this system gives neither their number nor a limit",
     )
-    yield "precision", f"{jnp.result_type(float)} unless a scene says otherwise"
+    yield "precision", f"{jnp.result_type(float)} unless a scene has another"
 
 
 def column_errors() -> tuple[float, float]:

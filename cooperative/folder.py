@@ -27,11 +27,11 @@ SLIDES = 3
 """Slides that a report draws at several times, unless the caller gives another number."""
 SUMMARY = "summary.json"
 CHECKSUM = "checksum"
-"""Key of a summary that tells whether it is whole, and of which rows."""
+"""Key of a summary that records whether it is whole, and of which rows."""
 CONTENT = 9
-"""Of what a summary says, counted up when it says more: one of an earlier version is made anew."""
+"""Of what a summary holds, counted up when it holds more: one of an earlier version is made anew."""
 MADE_FROM = ("measured.json", "budget.json")
-"""Files of a campaign's folder that say what its scene and rows do not."""
+"""Files of a campaign's folder that hold what its scene and rows do not."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
     """The campaign in numbers.
 
     Means, shares and fits weigh every refined run by what it stands for. Where only some failures slid on to their end,
-    these stand for all. What there is too little of is None or says so: modes of rows without any (written before there
+    these stand for all. What there is too little of is None or noted: modes of rows without any (written before there
     were modes), fits of fewer than two failures, a correlation without spread.
 
     Args:
@@ -46,7 +46,7 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
 
     Args:
         campaign: whose rows these are.
-        phases: what these rows tell its estimator.
+        phases: what its estimator takes from these rows.
         rough: rows of the rough grid.
         refined: rows of the refined grid.
     """
@@ -182,7 +182,7 @@ def agreement_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows)
 def _as_far_as_known(rows: Rows, numbers: list[int]) -> np.ndarray:
     """Largest displacement of these samples (n,) m.
 
-    Runs that ended once they had failed, or broke off, would have moved farther, so nothing tells which of those beyond
+    Runs that ended once they had failed, or broke off, would have moved farther, so it is unknown which of those beyond
     the least of them moved farthest: they are all alike.
     """
     at = np.isin(rows.numbers, numbers)

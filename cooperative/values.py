@@ -76,7 +76,7 @@ class StandsFor:
     """A refined run in the estimate.
 
     Args:
-        failed: None where it broke off before it could tell.
+        failed: None where it broke off undecided.
         weight: the share of all samples that it stands for.
         slide_weight: the same for what slides did.
     """

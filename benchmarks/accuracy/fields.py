@@ -1,7 +1,7 @@
 """Random fields: error in covariance against run time, beside other methods, and the published examples.
 
 Every timing is of one core, in a process of its own, on 1 m cells of 96 x 96 x 24 m with correlation lengths of 60, 60
-and 2 m unless the row says otherwise.
+and 2 m unless the row has others.
 """
 
 from __future__ import annotations

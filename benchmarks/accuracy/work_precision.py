@@ -45,7 +45,7 @@ PUBLISHED = {
 DEFAULT = scene_campaign("section")
 BAND = DEFAULT.soil.softening_length
 """Thickness of the shear band (m) to which the published softening is taken to refer, where a setting has one: a fifth
-of the slope's height, as in scenes that do not say."""
+of the slope's height, as in scenes that give none."""
 # What of the soil and of the discretisation a setting changes, and the largest cell that can have it (m).
 AVERAGED = {"internal_length": DEFAULT.grids["refined"].internal_length}
 IN_CELLS = {"cell_average": True}

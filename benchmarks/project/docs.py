@@ -58,7 +58,7 @@ def anchors(file: Path) -> set[str]:
 
 def undocumented_keys() -> list[str]:
     """Keys of scenes, as "[section] key", that docs/scenes.md does not explain in their own section: in a row of its
-    table, or in that of the section whose keys it says it has too."""
+    table, or in that of the section whose keys it claims to share."""
     scenes = ROOT / "docs" / "scenes.md"
     parts = re.split(r"^## `\[+(\w+)\]+`$", scenes.read_text() if scenes.exists() else "", flags=re.M)
     by_section = dict(zip(parts[1::2], parts[2::2], strict=True))

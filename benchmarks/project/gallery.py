@@ -1,4 +1,4 @@
-"""`python -m benchmarks.project.gallery`: draw every scene of benchmarks/scenes, tell its cost and write
+"""`python -m benchmarks.project.gallery`: draw every scene of benchmarks/scenes, measure its cost and write
 docs/gallery.md.
 
 A cost is that of `python -m cooperative check`, of all campaigns of a sweep together. Results are written here once the
@@ -115,7 +115,7 @@ def campaigns(name: str) -> list[Campaign]:
 
 
 def about(name: str) -> str:
-    """What a scene's own first comment says of it."""
+    """A scene's own first comment."""
     lines = (SCENES / f"{name}.toml").read_text().splitlines()
     last = next(number for number, line in enumerate(lines) if not line.startswith("#"))
     return " ".join(line.lstrip("# ") for line in lines[:last])

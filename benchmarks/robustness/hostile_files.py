@@ -135,7 +135,7 @@ def replacements_of(name: str, baits: Baits) -> dict[str, Change]:
 
 
 def _sample_lies(baits: Baits) -> dict[str, Change]:
-    """What only a sample file can lie about: its row, its groups, what it says of itself."""
+    """What only a sample file can misstate: its row, its groups, its own description."""
 
     def row(**values: object) -> Change:
         return lambda file: file["row"].attrs.update(values)

@@ -87,7 +87,7 @@ CALIBRATED = SCENE.replace("k_t = 2", "k_t = 2\ncalibrate = true")
 SWEEP = SCENE.replace("samples = 50", "samples = 20\ncalibrate = true") + "[sweep]\ncov = [0.2, 0.4]\nk_t = [2, 3]\n"
 
 STEPS = 77
-"""Of each made-up run: tells that it was made up."""
+"""Of each made-up run: marks it as made up."""
 
 MODES, PARTICLES = 20, 6000
 """Of made-up grids: enough for a sample's file to take a while to write."""

@@ -308,7 +308,7 @@ def _differ(one: Store, other: Store, grid: str, number: int) -> bool:
 
 
 def content(store: Store, grid: str, number: int) -> tuple[Any, ...]:
-    """What a sample's file says, apart from the seconds it took, so that it can be compared."""
+    """The content of a sample's file, apart from the seconds it took, so that it can be compared."""
     sample = read_sample(store, grid, number)
     arrays = {"coefficients": sample.coefficients, **sample.fields}
     shown = {name: (str(a.dtype), a.shape, np.ascontiguousarray(a).tobytes()) for name, a in arrays.items()}

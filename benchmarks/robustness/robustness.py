@@ -72,7 +72,7 @@ def damage(count: int, folder: Path, seed: int) -> tuple[int, list[str]]:
 
 
 def accepted(store: Store, grid: str, number: int, expected: tuple[Any, ...]) -> bool:
-    """Whether a sample's file is read as whole and says something else than expected."""
+    """Whether a sample's file is read as whole and holds something else than expected."""
     try:
         return content(store, grid, number) != expected
     except DamagedFile:

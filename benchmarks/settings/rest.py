@@ -2,7 +2,7 @@
 
 `python -m benchmarks.settings.rest` runs what benchmarks/data/rest.csv lacks: the first failures of the section's
 refined grid, with published and with default settings, and of the published slope in 3D on its calibrated rough grid,
-each once with the rule and once without. `python -m benchmarks rest` tells what the file holds.
+each once with the rule and once without. `python -m benchmarks rest` prints what the file holds.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def prepared(case: Case) -> tuple[GridModel, np.ndarray]:
-    """The model of a case, whose runs end as its scene says, and the coefficients of its samples (samples, modes)."""
+    """The model of a case, whose runs end as in its scene, and the coefficients of its samples (samples, modes)."""
     campaign = scene_campaign(case.scene)
     campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, fields=(), modes=(case.grid,)))
     soil = runs.random_soil(campaign)

@@ -79,7 +79,7 @@ def without_softening_or_ends(tables: Tables) -> None:
 @dataclass(frozen=True)
 class Case:
     """A slope. scene: of benchmarks/scenes. change: what is done to it. printed: P_f of the literature, None where the
-    closed form tells. large: m3, from which on a slide counts as one of the whole slope, None for no such count."""
+    closed form holds. large: m3, from which on a slide counts as one of the whole slope, None for no such count."""
 
     scene: str
     change: Callable[[Tables], None]
@@ -153,7 +153,8 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
 
 def shares(store: Store, limit: float, large: float | None) -> dict[str, float | None]:
     """Shares of the rough samples that fail, whose soil runs out beyond the toe, and whose slides are large. Rough runs
-    go on to their end, so this tells slides of the whole slope from soil that slips within its face, a failure too."""
+    go on to their end, so this separates slides of the whole slope from slips within its face, which are failures too.
+    """
     result = read_rows(store, "rough").columns
     counted = {"fails": result["displacement"] > limit, "beyond_toe": result["runout"] > 0}
     of_rough: dict[str, float | None] = {

@@ -114,7 +114,7 @@ def measured(folder: Path, name: str, stage: Stage, text: str, *, workers: int) 
 @contextmanager
 def counting(book: Path, stored: Mapping[str, Any], every: float = 1.0) -> Iterator[Callable[[str], None]]:
     """Add the wall seconds of each part to those that the file has, every so many seconds, so that a process killed at
-    any moment loses no more than these. Gives what to tell when another part begins; the first is "set-up"."""
+    any moment loses no more than these. Gives what to call when another part begins; the first is "set-up"."""
     seconds: dict[str, float] = dict(stored["seconds"])
     part, since, turn, ended = "set-up", time.perf_counter(), threading.Lock(), threading.Event()
 

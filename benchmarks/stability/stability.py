@@ -2,7 +2,7 @@
 
 A row passes if its figure keeps its bound and its lane did not break off. `unaccounted for` is the work of gravity and
 body forces less what kinetic, elastic, dissipated and damping energy hold. Rows that fail are listed in `failed`;
-where that is a known limit of a method, `why` says so.
+where that is a known limit of a method, `why` names it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ particles reach into that cell and average its strain, the more the greater the 
 
 
 def rest_rows(quick: bool) -> Iterator[Row]:
-    """Bodies that should stay where they are, or come to rest where theory says."""
+    """Bodies that should stay where they are, or come to rest where theory has it."""
     for poisson in (0.3, 0.499) if quick else (0.0, 0.3, 0.49, 0.499):
         yield settlement_row(f"settlement, nu = {poisson}", mpm.Soil(poisson=poisson, young=1e7), 1.0)
     for stiff in (1e9,) if quick else (1e6, 1e8, 1e9, 1e10, 1e11):

@@ -1,4 +1,4 @@
-"""Do gradients of the rough run tell more of the refined outcome than its displacement? On the 400 real pairs.
+"""Do gradients of the rough run predict the refined outcome better than its displacement? On the 400 real pairs.
 
 Each sample's rough run is differentiated by its coefficients. Two features come of it: the length of the gradient of
 log displacement, and the first-order distance to failure, (log 1 m - log displacement) over that length. A logistic

@@ -106,7 +106,7 @@ def cases() -> list[Case]:
 
 
 def ranking_cases() -> list[Case]:
-    """Two-phase with links of which the ranking tells little, or the wrong thing, and with the normal one."""
+    """Two-phase with links of which the ranking shows little, or the wrong thing, and with the normal one."""
     links = (*BAD_RANKING, ("normal", 0.95))
     return [
         Case("two-phase", pf, correlation, 750, runs, link=link)

@@ -19,7 +19,7 @@ ROUGH_FAILS = 0.5
 @dataclass(frozen=True)
 class Case:
     """One cell of the study. pf: truth. samples: N of the first phase. runs: of the second.
-    contaminated: share of samples whose rough response says nothing, which no model here foresees. link: how the
+    contaminated: share of samples whose rough response shows nothing, which no model here foresees. link: how the
     responses of both grids hang together, a name in `LINKS`. target_cov: coefficient of variation at which the audit
     ends before its runs are spent."""
 

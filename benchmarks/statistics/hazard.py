@@ -5,7 +5,7 @@ Campaigns are drawn with replacement from two fully refined populations (`benchm
 events (reached, covered at the end, deposit thicker than 0.5 and 1 m, faster than 1 m/s) are held against the
 population's own. Coverage counts the cells whose true probability times the refined slides is at least 5; in rarer
 cells the intervals may only hold more. The least of many cells is biased low by noise: `standard_error` is that of one
-cell's coverage, from as many campaigns. A Monte Carlo campaign of 300 refined runs beside each says how often the
+cell's coverage, from as many campaigns. A Monte Carlo campaign of 300 refined runs beside each shows how often the
 difference of both maps is within its own 95 % interval.
 
 `overhead_share` is what looking at the columns takes of a step on one core, turn by turn against the same step without,
@@ -61,7 +61,7 @@ def campaigns(
     of: Population, estimator: Estimator, samples: int, slides: tuple[int | None, ...], seed: int
 ) -> list[Drawn]:
     """One campaign whose samples are drawn from a population with replacement, with as many of its failures sliding as
-    each of `slides` says."""
+    each of `slides` describes."""
     at = np.random.default_rng([seed, samples]).integers(of.rough.size, size=samples)
     failed, result = of.refined[at] > LIMIT, []
     audit = means.audited(estimator, of.rough[at], failed)

@@ -140,13 +140,13 @@ def difference(first: Answer, last: Answer) -> tuple[float, tuple[float, float]]
 
 
 def rises(limits: tuple[float, float]) -> str:
-    """What an interval of a rise says beside the published one, upwards."""
+    """An interval of a rise beside the published one, upwards."""
     return "rises, as published" if limits[0] > 0 else "falls, published as rising" if limits[1] < 0 else "not resolved"
 
 
 def mean_seconds(seconds: np.ndarray) -> tuple[float, tuple[float, float], str]:
     """Mean of the seconds of some runs (n,) with its interval by Student's t; of too few runs the least and the most
-    instead, and words that say so."""
+    instead, and words that state it."""
     middle = float(seconds.mean())
     if seconds.size < FEW_RUNS:
         return middle, (float(seconds.min()), float(seconds.max())), "; the interval is from the least to the most"

@@ -145,7 +145,7 @@ def as_outcome(sample: Sample, dt: float, until: Until) -> Outcome:
 
 
 def add(path: Path, run: Run, outcome: Outcome) -> None:
-    """Write a row to the end of a file of the study, whose first line says what its cases are."""
+    """Write a row to the end of a file of the study, whose first line describes its cases."""
     new = not path.is_file()
     with path.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

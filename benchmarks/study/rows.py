@@ -120,7 +120,7 @@ COLUMNS = {
 
 
 def read_table(path: Path) -> Rows:
-    """Rows of a file, whose first line says what each case is and whose second names the columns.
+    """Rows of a file, whose first line describes each case and whose second names the columns.
 
     Raises:
         ValueError: naming file and line, for other columns and for a row that does not parse or occurs twice.

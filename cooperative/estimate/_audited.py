@@ -1,4 +1,4 @@
-"""Estimators that audit what the rough grid says: two-phase sampling, subset simulation; all that a scene can name.
+"""Estimators that audit the answer of the rough grid: two-phase sampling, subset simulation; all that a scene can name.
 
 Their refined runs are drawn at random where the rough result leaves most doubt.
 """

@@ -243,7 +243,7 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
     population itself (Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Sections 2.9, 5.6 and 9.3).
     Residuals are over one less their share, since a heavy sample draws the mean to itself (MacKinnon and White 1985,
     Journal of Econometrics 29, 305-325, DOI 10.1016/0304-4076(85)90158-7). Student's t has the degrees of freedom that
-    the variance tells (Satterthwaite 1946, DOI 10.2307/3002019), at least `LEAST_FREEDOM`. On the logarithm: a mean
+    the variance has (Satterthwaite 1946, DOI 10.2307/3002019), at least `LEAST_FREEDOM`. On the logarithm: a mean
     that is too low for want of its longest slides has a variance that is too low as well.
 
     Args:

@@ -92,12 +92,12 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
     """Fit all candidates to `values` (n,) by maximum likelihood.
 
     Every candidate has two free parameters; gamma, Weibull and lognormal start at 0 and are left out, with a note,
-    where a value is not positive. With fewer than 2 distinct values nothing is fitted; with fewer than 30 the notes say
-    that the choice means little, as they do when the runner-up is within 2 of the best AIC.
+    where a value is not positive. With fewer than 2 distinct values nothing is fitted; with fewer than 30 a note states
+    that the choice means little, as it does when the runner-up is within 2 of the best AIC.
 
     Args:
         values: one finite number for each sample (n,).
-        weight: what each value stands for (n,), above 0; the likelihood is then that of as many values as tell as much
+        weight: what each value stands for (n,), above 0; the likelihood is then that of their effective number
             (pseudo-likelihood: Binder 1983, International Statistical Review 51, 279-292). None is all alike.
 
     Raises:

@@ -40,7 +40,7 @@ from cooperative.estimate._protocol import (
 from cooperative.estimate._ranking import rank_samples
 
 NOT_ASKED = "the scene asks for no slides (slides = 0)"
-"""Why there are no consequences, in words, where refined runs only tell a class."""
+"""Why there are no consequences, in words, where refined runs end with a class alone."""
 
 GOLDEN = (np.sqrt(5) - 1) / 2
 
@@ -56,7 +56,7 @@ class Phases:
         failure_displacement: beyond which a sample has failed (m).
         rough: sample -> its largest displacement on the rough grid (m), and whether that run broke off.
         population: samples of the first phase, None while that is not complete.
-        answers: sample -> whether it failed on the refined grid, None where the run broke off before it could tell.
+        answers: sample -> whether it failed on the refined grid, None where the run broke off undecided.
         planned: samples of the first phase in the end.
         zones: what each of these stands for that a coarser grid chose; None without such a grid.
     """
@@ -83,7 +83,7 @@ class Phases:
         return replace(self, answers={number: self.answer(*result) for number, result in results.items()})
 
     def answer(self, displacement: float, broke_off: bool) -> bool | None:
-        """Whether a run says that its sample fails; a run that broke off can say yes, but not no."""
+        """Whether a run shows that its sample fails; one that broke off never shows that it stands."""
         fails = bool(displacement > self.failure_displacement)
         return fails if fails or not broke_off else None
 
@@ -135,7 +135,7 @@ class Phases:
         share = self.estimate.probability
         stands_for = {True: share, False: 1 - share}
         drawn = {fails: sum(w for n, w in weights.items() if self.answers[n] is fails) for fails in stands_for}
-        # A run that broke off before it could tell belongs to neither class.
+        # A run that broke off undecided belongs to neither class.
         factor = {fails: stands_for[fails] / drawn[fails] for fails in stands_for if drawn[fails] > 0}
         return {
             n: w * factor.get(self.answers[n] is True, 1.0) * (self.answers[n] is not None) for n, w in weights.items()
@@ -267,7 +267,7 @@ class Slides:
         ranks = np.array([r for r, n in enumerate(failures.number) if n in position and slid[position[n]]], int)
         if ranks.size:
             share = zone_weights(failures, ranks)
-            # Without a run that the estimator counts, nothing tells what slides stand for.
+            # Without a run that the estimator counts, it is unknown what slides stand for.
             share *= phases.estimate.probability / (share.sum() or 1.0)
             np.add.at(weight, [position[n] for n in failures.number[ranks]], share)
         return cls(failed, slid, weight, _wanted(phases, failures, set(np.array(numbers)[slid]), count, seed))

@@ -1,7 +1,7 @@
 """Estimators without an audit: the published rule, plain Monte Carlo, the control variate that the rough ranks make.
 
 Their first phase is the scene's own samples (`SceneSamples`). Monte Carlo and the control variate refine the first of
-these: their order says nothing about them, so they are a random subset.
+these: their order is independent of their soil, so they are a random subset.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Published(SceneSamples):
         check_all_run(self, sampling)
 
     def budget(self, samples: int) -> None:
-        """The stopping rule alone tells."""
+        """The stopping rule alone decides."""
 
     def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The next ranks that the rule needs whatever those under way turn out to be."""
@@ -122,7 +122,7 @@ class Budgeted(SceneSamples):
             raise ValueError(f"[campaign] target_cov = {self.target_cov:g}: give a value above 0 and below 1")
 
     def budget(self, samples: int) -> int:
-        """What the settings say, or for a target alone all samples, or a fifth of them, at least 20."""
+        """That of the settings, or for a target alone all samples, or a fifth of them, at least 20."""
         usual = usual_budget(samples) if self.target_cov is None else samples
         return min(self.refined_runs or usual, samples)
 
@@ -187,7 +187,7 @@ class InOrder(Budgeted):
 
 @dataclass(frozen=True)
 class MonteCarlo(InOrder):
-    """Refined runs of the first samples, all unless the settings say fewer, and the share that fails: `monte_carlo`.
+    """Refined runs of the first samples, all unless the settings have fewer, and the share that fails: `monte_carlo`.
 
     Args:
         refined_runs: budget, None for all samples.
@@ -198,7 +198,7 @@ class MonteCarlo(InOrder):
     name: ClassVar[str] = "monte carlo"
 
     def budget(self, samples: int) -> int:
-        """What the settings say, or all samples."""
+        """That of the settings, or all samples."""
         return min(self.refined_runs or samples, samples)
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:

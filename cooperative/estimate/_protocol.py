@@ -1,7 +1,7 @@
 """What a campaign and its estimator ask of each other.
 
 An estimator is one frozen dataclass. Its fields are its settings, and those that a scene can give have the names of
-keys of `[campaign]`; a script may hand over an object of its own instead. All its methods are pure functions of what
+keys of `[campaign]`; a script may give an object of its own instead. All its methods are pure functions of what
 is known, so that the answer does not depend on what ran at once, in which order, or after which interruption.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from cooperative.estimate._estimates import Estimate
 
 Answers = Mapping[int, bool | None]
-"""Sample -> whether it failed on the refined grid; None where the run broke off before it could tell."""
+"""Sample -> whether it failed on the refined grid; None where the run broke off undecided."""
 
 Screened = Mapping[int, tuple[float, bool]]
 """Sample -> its largest displacement on the rough grid (m), and whether that run broke off."""
@@ -29,7 +29,7 @@ def _no_field() -> NoReturn:
 
 @dataclass(frozen=True)
 class Sampling:
-    """What a scene says of the first phase.
+    """What a scene has of the first phase.
 
     Args:
         samples: [campaign] samples.
@@ -151,7 +151,7 @@ class Estimator(Protocol):
         """The first phase as the second sees it; None while it is not complete enough for that."""
 
     def budget(self, samples: int) -> int | None:
-        """Most refined runs of a population of so many samples; None where only the results will tell."""
+        """Most refined runs of a population of so many samples; None where it depends on the results."""
 
     def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """Samples to start on the refined grid now.
@@ -189,7 +189,7 @@ class Failures:
     Args:
         number: of each sample in the campaign.
         weight: share of all samples that it is.
-        chance: probability that it fails, as far as the estimator's own runs tell, 0 or 1 where one of them has its
+        chance: probability that it fails, by the estimator's own runs, 0 or 1 where one of them has its
             class.
         count: failures that the estimator counts there, as a share of all samples; they add up to about P_f, and single
             ones may be below 0.

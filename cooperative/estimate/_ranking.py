@@ -33,7 +33,7 @@ class Ranking:
 def rank_samples(rough_displacement: np.ndarray, broke_off: np.ndarray | None = None) -> Ranking:
     """Rank N samples by their largest rough displacement (N,) m, largest first, ties by sample number.
 
-    A rough run that broke off (`broke_off` (N,) bool, or a displacement that is not finite) says nothing about its
+    A rough run that broke off (`broke_off` (N,) bool, or a displacement that is not finite) shows nothing about its
     sample, and most lanes fail because the soil moved far. It is therefore placed first, where it certainly gets a
     refined run, and reported; dropping it would bias the probability.
 
@@ -115,7 +115,7 @@ def _walk(order: np.ndarray, refined: Mapping[int, bool | None], k_t: int) -> tu
 
 @dataclass(frozen=True)
 class Correlation:
-    """How well the rough grid tells the refined one, over samples run on both, each with its weight.
+    """How well the rough grid predicts the refined one, over samples run on both, each with its weight.
 
     Args:
         samples: run on both.

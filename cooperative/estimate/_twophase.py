@@ -4,7 +4,7 @@ Phase one is the sampling of the N fields, phase two the audit of `cooperative.e
 both (two-phase sampling: Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Chapter 9). It assumes
 nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may hide among samples that
 were not refined, which `Estimate.unseen` and `Estimate.sampling_interval` give apart. Where draws far down the ranking
-fail, the notes say so. Everything is a pure function of the rows and the plan, so what to run next and the estimate do
+fail, a note states it. Everything is a pure function of the rows and the plan, so what to run next and the estimate do
 not depend on what ran at once, in which order, or after which interruption.
 
 A target for the coefficient of variation goes by the scatter alone.

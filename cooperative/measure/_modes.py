@@ -87,7 +87,7 @@ def failure_mode(
         volume: (N,).
         geometry: face of the slope.
         half_size: half the initial particle spacing (d,) m.
-        motion: the run's past; without it progressive failure cannot be recognised, and a note says so.
+        motion: the run's past; without it progressive failure cannot be recognised, which a note states.
         rules: limits of the rules, None for the defaults.
 
     Raises:

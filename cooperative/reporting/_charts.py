@@ -1,7 +1,7 @@
 """Figures of a campaign's numbers. Each takes arrays or parts of its summary and gives a matplotlib Figure.
 
 Units stand on every axis. The colours are those of Okabe and Ito (2008), distinct for all kinds of colour vision; what
-colour tells, shape or position tells too. Pictures of the slope itself are in `_plots`.
+colour shows, shape or position shows too. Pictures of the slope itself are in `_plots`.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def convergence(path: Convergence, method: str, *, level: float) -> Figure:
 
 
 def grids(rough: np.ndarray, refined: np.ndarray, *, failure_displacement: float, title: str = "") -> Figure:
-    """Refined against rough displacement of the samples that ran on both: how well the rough grid tells.
+    """Refined against rough displacement of the samples that ran on both: how well the rough grid predicts.
 
     Args:
         rough: (n,) m.

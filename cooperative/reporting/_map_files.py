@@ -107,7 +107,7 @@ def write_contours(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[P
     Args:
         folder: of the campaign.
         ground: of the campaign. Where it has a projection, contours are in longitude and latitude (RFC 7946, Section
-            4), which needs rasterio (extra "terrain"); else in the scene's own metres, and the file says so.
+            4), which needs rasterio (extra "terrain"); else in the scene's own metres, as the file notes.
         maps: in plan.
 
     Yields:
@@ -135,7 +135,7 @@ def write_contours(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[P
 
 
 def write_notice(folder: Path, maps: Maps) -> Iterator[Path]:
-    """Write `maps/AT_LEAST.txt` where slides had not come to rest; tables and rasters have no room to say so."""
+    """Write `maps/AT_LEAST.txt` where slides had not come to rest; tables and rasters have no room for such a note."""
     if maps.moving:
         yield _written(folder, "AT_LEAST.txt", f"{at_least(maps)}\n")
 

@@ -138,7 +138,7 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
         section: before.
         name: of the soil's parameter, and its values (N,), SI units or degrees.
         field: of the soil's parameter, and its values (N,), SI units or degrees.
-        displacement: (T, 2, N) m at the T times (s); colour tells how far a particle has moved by then.
+        displacement: (T, 2, N) m at the T times (s); colour shows how far a particle has moved by then.
         times: of the displacements (s).
     """
     position, half = section
@@ -202,7 +202,7 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
 
     Args:
         figure: to write.
-        path: of the file; its suffix says PNG, PDF or SVG.
+        path: of the file, with the suffix of PNG, PDF or SVG.
         dpi: resolution of pixels.
 
     Returns:
@@ -290,7 +290,7 @@ def displaced_boxes(position: np.ndarray, displacement: np.ndarray, half: np.nda
     index = np.rint((position - position.min(axis=1, keepdims=True)) / (2 * half[:, None])).astype(int) + 1
     number = np.full(index.max(axis=1) + 2, -1)
     number[tuple(index)] = np.arange(position.shape[1])
-    # Where several stand in one cell there is no lattice to tell who meets whom.
+    # Where several stand in one cell there is no lattice by which neighbours are known.
     lattice = bool((number[tuple(index)] == np.arange(position.shape[1])).all())
     corners = []
     for side in ((-1, -1), (1, -1), (1, 1), (-1, 1)):

@@ -34,7 +34,7 @@ class GridProgress:
         done: finished samples.
         planned: of how many.
         at_least: whether `planned` may grow.
-        pace: seconds from one finished sample to the next, nan where nothing tells.
+        pace: seconds from one finished sample to the next, nan where unknown.
         broke_off: runs that broke off.
         damaged: files that cannot be trusted and will be redone.
     """
@@ -54,7 +54,7 @@ class GridProgress:
 
     @property
     def seconds_left(self) -> float:
-        """To go (s), nan where nothing tells."""
+        """To go (s), nan where unknown."""
         return max(self.planned - self.done, 0) * self.pace
 
 

@@ -28,7 +28,7 @@ def write_table(
     """Write one CSV line per finished sample and grid, `table.csv` in the campaign's folder by default.
 
     Columns: grid, sample, status, steps, seconds, then all scalars by name; empty where a sample has none. Refined runs
-    also have `failed` (1 or 0, empty where the run broke off before it could tell), `weight`, the share of all samples
+    also have `failed` (1 or 0, empty where the run broke off undecided), `weight`, the share of all samples
     that each stands for, whose sum over the failures is the probability of failure, and `slide_weight`, the same for
     what slides did: 0 for failures that did not slide on to their end, and the more for those that did.
 
@@ -60,7 +60,7 @@ def write_table(
 def rows_of(store: Store, ground: StoredGround | None = None) -> dict[str, Rows]:
     """Verified rows of both grids.
 
-    Where neither `ground` nor the folder tells how many samples there are, its scene does.
+    Where neither `ground` nor the folder holds the number of samples, it is that of the scene.
     """
     ground = ground or stored_ground(store)
     samples = samples_of(campaign_of(store)) if ground is None else ground.samples

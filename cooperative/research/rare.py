@@ -131,7 +131,7 @@ def slide_limit_state(
     """Limit state of a slope and its gradient by the field's coefficients, for `design_point`.
 
     log(displacement / u), u the root mean square displacement (m) after `seconds` on the model's grid: positive where
-    the slope stands, smooth from rest to slide. A few seconds are enough to tell, and a longer run gets rougher.
+    the slope stands, smooth from rest to slide. A few seconds are enough, and a longer run makes it rougher.
 
     Args:
         model: grid and soil.

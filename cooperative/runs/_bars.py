@@ -25,7 +25,7 @@ EVERY = 60.0
 LAYOUT = "{desc} {n_fmt}/{total_fmt}%s {elapsed}, {remaining} left{postfix}"
 
 Bar = Callable[..., tqdm]
-"""Begins a bar: `bar(title, total, done)`, which goes on from `done` samples and tells the time left."""
+"""Begins a bar: `bar(title, total, done)`, which goes on from `done` samples and shows the time left."""
 
 
 @contextmanager

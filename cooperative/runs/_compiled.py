@@ -122,7 +122,7 @@ def _sealed(program: bytes) -> bytes:
 
 
 def memory_mappings() -> tuple[int, int] | None:
-    """Memory mappings that this process holds, and how many the system allows it; None where it does not tell.
+    """Memory mappings that this process holds, and how many the system allows it; None where that is unknown.
 
     A process that needs one more ends by a segmentation fault. Each program loaded on CPU holds 8 to 50.
     """

@@ -184,7 +184,7 @@ class Workers:
 
     Args:
         make: gives an executor.
-        count: samples handed out to it at a time.
+        count: samples given to it at a time.
         ahead: further samples that wait for a worker, where their order is fixed; one for each process of this
             machine, 0 for other executors.
         executor: the one in use, None before the first.
@@ -322,7 +322,7 @@ def run_through(
                 yield sample
         look()
         if broken:
-            # It drops all it held, and does not say whose worker died.
+            # It drops all it held, and does not report whose worker died.
             suspects += pending.values()
             pending.clear()
             workers.close()

@@ -1,8 +1,8 @@
 """Worker processes of this machine: one that is killed costs its own task, whatever it was at, and no other.
 
-A pool of `concurrent.futures` drops all its tasks when one of its processes dies, cannot tell whose it was, and hangs
+A pool of `concurrent.futures` drops all its tasks when one of its processes dies, does not show whose it was, and hangs
 where the process died halfway through sending its result. Here every worker has a pipe of its own: what it was given is
-known, and a pipe that ends within a message tells of its death.
+known, and a pipe that ends within a message shows its death.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Processes(Executor):
     def _serve(self) -> None:
         """What the pool's thread does: begins workers, gives them tasks, and receives their results."""
         if hasattr(signal, "pthread_sigmask"):
-            # Inherited by the workers: a terminal sends Ctrl-C to all processes, and their controller tells them.
+            # Inherited by the workers: a terminal sends Ctrl-C to all processes, and their controller stops them.
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             while self._hand_out():

@@ -1,7 +1,7 @@
 """The random parameters of a scene's soil, their expansions, and which coefficients are whose.
 
 Parameters that correlate share an expansion and are made from independent fields of it; their borehole values condition
-all of them together, since a value of one tells of the others.
+all of them together, since a value of one informs the others.
 """
 
 from __future__ import annotations
@@ -302,7 +302,7 @@ def _conditioning(
     box: Box,
     root: np.ndarray | None,
 ) -> kl.field.Conditioning | None:
-    """What the borehole values of these parameters, less the trend, say of their coefficients together."""
+    """What the borehole values of these parameters, less the trend, imply for their coefficients together."""
     weights = dict(zip(names, np.eye(1) if root is None else root, strict=True))
     rows, scores, errors = [], [], []
     for name, field, values in measured:

@@ -49,7 +49,7 @@ class Frames:
         return len(self.times) < len(PASSED) and farthest > PASSED[len(self.times)] * failure_displacement
 
     def after(self, time: float, displacement: ArrayLike) -> Self:
-        """With one frame more; half precision tells 10 m to 4 mm, which is enough for a picture."""
+        """With one frame more; half precision resolves 10 m to 4 mm, which is enough for a picture."""
         return type(self)((*self.times, time), (*self.displacement, np.asarray(displacement).astype(np.float16)))
 
     def as_fields(self) -> dict[str, np.ndarray]:

@@ -113,7 +113,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
 
 
 def _varies_in_steepness(law: Material, random: Collection[str]) -> bool:
-    """Whether parameters vary of the part that says how steeply a law softens."""
+    """Whether parameters vary of the part that governs how steeply a law softens."""
     known = declared(law)
     return law.steepest_softening is not None and any(
         known[name].path.startswith("softening.") for name in random if name in known
@@ -218,7 +218,7 @@ def _refuse_beyond_memory(needed: float, what: str, remedy: str) -> None:
 
 
 def memory_limit() -> float:
-    """Bytes that a process of this machine may use: its memory, or less where the system says so; inf if unknown."""
+    """Bytes that a process of this machine may use: its memory, or less where the system limits it; inf if unknown."""
     return min(_limits(), default=math.inf)
 
 

@@ -198,7 +198,7 @@ def unpacked(name: str, table: Any) -> Raster | BaseMotion:
         table: as `packed` gives it.
 
     Raises:
-        ValueError: one that holds something else, or less than it says.
+        ValueError: one that holds something else, or less than it declares.
     """
     try:
         content = _record(table) if "samples" in table else _raster(table)

@@ -164,7 +164,7 @@ def check_limit_load(run: tables.Run, given: LimitLoad | None) -> None:
 def run_of(table: tables.Run, motion: BaseMotion | None) -> Run:
     """How the samples of a scene run.
 
-    A slide ends when its deposit rests, where runs end once they have settled and unless the scene says not.
+    A slide ends when its deposit rests, where runs end once they have settled, unless `rest` is false.
 
     Args:
         table: of the scene.

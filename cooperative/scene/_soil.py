@@ -16,7 +16,7 @@ from foundation.text import shown
 from jaxmpm import FrictionalSoil, Layer, Raster, Soil
 
 BAND = 1 / 5
-"""Thickness of the band to which softening refers, over the slope's height, where a scene does not say."""
+"""Thickness of the band to which softening refers, over the slope's height, where a scene gives none."""
 
 SOFTENED_BY = {
     "residual_ratio": ("softening_modulus", "strain_95"),
@@ -181,7 +181,7 @@ UNDRAINED, FRICTIONAL = "undrained", "frictional"
 
 
 def _kind(given: Collection[str]) -> str | None:
-    """Of which kind soil is that has these keys; None where they tell of no strength."""
+    """Of which kind soil is that has these keys; None where none is a strength."""
     if not {"cohesion", "friction"}.isdisjoint(given):
         return FRICTIONAL
     return None if {"strength", "strength_ratio"}.isdisjoint(given) else UNDRAINED

@@ -135,7 +135,7 @@ def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -
     if scene is None:
         raise ValueError(
             f"refined_runs = {refined_runs}: estimator {campaign.estimator.name!r} has no number of runs to raise, its "
-            "rule alone tells when to stop"
+            "rule alone decides when to stop"
         )
     allowed = scene if stored is None else stored.refined_runs
     if refined_runs <= scene or refined_runs < allowed:

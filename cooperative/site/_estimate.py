@@ -1,4 +1,4 @@
-"""Layers of a site from its files, each with the random field that its soundings tell of."""
+"""Layers of a site from its files, each with the random field of its soundings."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class SiteLayerFit:
 
 @dataclass(frozen=True)
 class SiteEstimate:
-    """What the files of a site tell.
+    """What the files of a site hold.
 
     Args:
         soundings: that were read.

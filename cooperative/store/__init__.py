@@ -14,7 +14,7 @@ named, set aside and counted as not done.
     ground.h5, drawn.h5           ground, grids and random soil that a report draws (`cooperative.runs`)
     initial/rough.h5              stress of a grid at rest, solved once (`cooperative.runs`)
     restart/refined-000123.h5     a long run under way (`cooperative.runs`), removed once it has ended
-    progress.log                  what was done when, where there was no terminal to tell it (`cooperative.runs`)
+    progress.log                  what was done when, where there was no terminal to show it (`cooperative.runs`)
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 

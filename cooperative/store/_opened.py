@@ -151,7 +151,7 @@ def lock_holder(folder: Path) -> str:
 
 
 def _write_readme(folder: Path, source: Source) -> None:
-    """Have a campaign's folder say what it is, where nothing of that name is there; OSError where the disk refuses."""
+    """Write into a campaign's folder what it is, where no such file is there; OSError where the disk refuses."""
     if os.path.lexists(folder / README):
         return
     name = source.tables.get("campaign" if source.text is None else "name")

@@ -54,7 +54,7 @@ class Source:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of what it says: comments, spacing and the order of keys do not count."""
+        """SHA-256 of its content: comments, spacing and the order of keys do not count."""
         return hashlib.sha256(json.dumps(_flat(self.tables), sort_keys=True).encode()).hexdigest()
 
     @property
@@ -117,7 +117,7 @@ def tables_of(tables: Mapping[str, object], name: str) -> list[Mapping[str, obje
 
 
 def scene_digest(scene_text: str) -> str:
-    """SHA-256 of what a scene's text says: comments, spacing and the order of keys do not count.
+    """SHA-256 of the content of a scene's text: comments, spacing and the order of keys do not count.
 
     Args:
         scene_text: in TOML.

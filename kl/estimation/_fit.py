@@ -81,7 +81,7 @@ class Draws:
 
 @dataclass(frozen=True)
 class FieldFit:
-    """What values at points tell of a random field.
+    """What values at points show of a random field.
 
     Args:
         mean: at depth 0, in the property's unit.
@@ -184,7 +184,7 @@ def _check(points: HostArray, values: HostArray, depth: HostArray | None, margin
         and (depth is None or depth.shape == (count,)),
         f"values of shape {values.shape} at points of {points.shape}: give (n,) and (d, n), and one depth for each",
     )
-    require(count >= FEWEST, f"{count} values: give at least {FEWEST}, fewer tell nothing of how soil varies")
+    require(count >= FEWEST, f"{count} values: give at least {FEWEST}, fewer show nothing of how soil varies")
     for name, array in (("values", values), ("points", points), ("depth", 0.0 if depth is None else depth)):
         check.finite(name, array, remedy="leave gaps out")
     if marginal is Lognormal:

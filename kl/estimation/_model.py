@@ -69,7 +69,7 @@ class Model:
     def between(self, first: HostArray, second: HostArray, lengths: Sequence[float]) -> HostArray:
         """Correlation (n, m) of the field between points.
 
-        Without a horizontal length it is 0 between soundings: what one tells of the other is the mean and the spread.
+        Without a horizontal length it is 0 between soundings: one informs the other of mean and spread alone.
 
         Args:
             first: (d, n) m.

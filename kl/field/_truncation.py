@@ -1,7 +1,7 @@
 """Errors of truncation, and two cures: rescaling by the captured deviation, and an independent residual.
 
 The residual of a truncated expansion is itself a covariance, so the largest error in covariance over all pairs of
-points is the largest variance deficit, at one point (Cauchy-Schwarz). "95 % of the energy" does not tell where the
+points is the largest variance deficit, at one point (Cauchy-Schwarz). "95 % of the energy" does not show where the
 other 5 % are missing: corners lose most.
 """
 

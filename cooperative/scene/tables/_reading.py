@@ -110,7 +110,7 @@ def _entry_at(table: type[Keyed], values: object, where: str, location: Iterable
             path = (*entry.path, entry.key) if entry.key else ()
             here = value.get(part) if isinstance(value, Mapping) else None
             entry = _Entry(path, part, here, table_in(inner.__pydantic_fields__[part]), inner, part)
-        # What is left tells which of the types of a union it is.
+        # What is left determines which of the types of a union it is.
     return entry
 
 

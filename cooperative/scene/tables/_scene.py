@@ -22,7 +22,7 @@ from foundation.text import shown
 LONGEST_NAME = 200
 MOST_LAYERS = 100
 SITES = ("slope", "ground", "terrain")
-"""Tables of which a scene has one: it says what ground there is."""
+"""Tables of which a scene has one: it describes the ground."""
 STORED = ("calibration", "defaults", "estimator", "field_modes", "files", "limit_load")
 """Tables that a campaign wrote into the scene that it keeps."""
 
