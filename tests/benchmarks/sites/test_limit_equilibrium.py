@@ -45,8 +45,13 @@ def test_without_the_package_the_extra_is_named(monkeypatch):
 @pytest.mark.slow
 def test_spencer_finds_the_published_factor(monkeypatch, tmp_path):
     pytest.importorskip("xslope.slice")
-    monkeypatch.setattr(limit_equilibrium, "ROOT", tmp_path)
-    [row] = limit_equilibrium.run(quick=True).rows
+    kept = limit_equilibrium.INPUTS
+    monkeypatch.setattr(limit_equilibrium, "INPUTS", tmp_path / "inputs")
+    report = limit_equilibrium.run(quick=True)
+    [row] = report.rows
     assert abs(row["circle"] - 0.984) < 0.005  # Spencer's method in Giam and Donald (1989)
     assert row["fos"] <= row["circle"]
-    assert len(list((tmp_path / "out" / "limit_equilibrium").glob("*.json"))) == 1
+    assert report.draw is not None
+    report.draw(tmp_path)
+    [given] = (tmp_path / "inputs").glob("*.json")
+    assert given.read_text() == (kept / given.name).read_text()
