@@ -20,6 +20,9 @@ Heights = Callable[..., np.ndarray]
 SAMPLES = 4
 """Points along each edge of a cell at which the surface is sampled."""
 
+NEAR = 0.5 - 1e-6
+"""Distance of a node from rigid ground, over the cell, below which it belongs to it."""
+
 COVER = 3.0
 """Thickness of the soil, in cells along the normal, over which it is counted."""
 
@@ -111,7 +114,7 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     *across, z = np.meshgrid(*axes, indexing="ij")
     normal = normals(heights, across, grid.cell)
     height = (z - heights(*across)) * normal[-1]
-    on_base = (height < (0.5 - 1e-6) * grid.cell).ravel()
+    on_base = (height < NEAR * grid.cell).ravel()
     area, volume = _covered(grid, heights, on_base)
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
     return RigidBase(*(jnp.asarray(each) for each in (vectors, area, np.where(area > 0, volume, 1.0))))

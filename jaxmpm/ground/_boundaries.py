@@ -69,6 +69,21 @@ def points_of(name: str, line: Line | Raster) -> np.ndarray:
     return points
 
 
+def between_walls(points: np.ndarray, left: float, right: float) -> np.ndarray:
+    """The part (m, 2) of a surface, points (n, 2) m, between walls at x (m); ValueError where it does not reach one."""
+    for (x, z), wall, gap in ((points[0], left, points[0, 0] - left), (points[-1], right, right - points[-1, 0])):
+        if gap > 0:
+            raise ValueError(
+                f"the surface ends at ({x:g}, {z:g}) m, {gap:g} m from the wall at x = {wall:g} m: draw it on"
+            )
+    # Of a vertical face along a wall the end on its inner side.
+    x, z = points[::-1][np.unique(points[::-1, 0], return_index=True)[1]].T
+    first = (left, np.interp(left, x, z))
+    x, z = points[np.unique(points[:, 0], return_index=True)[1]].T
+    last = (right, np.interp(right, x, z))
+    return np.array([first, *points[(points[:, 0] > left) & (points[:, 0] < right)], last])
+
+
 def bedrock_of(line: Line | Raster, surface: np.ndarray, walls: tuple[float, float], base: float) -> np.ndarray:
     """Points (n, 2) of bedrock under a surface, points (m, 2), between the walls and above the base (m).
 

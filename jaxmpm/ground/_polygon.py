@@ -9,6 +9,9 @@ import shapely
 
 from foundation.text import shown
 
+ROUNDING = 1e-6
+"""Distance from a wall, over its length, within which an edge lies on it."""
+
 Corners = Sequence[Sequence[float]]
 """Corners (x, y) of a polygon in plan (m)."""
 
@@ -41,3 +44,16 @@ def check_polygon(polygon: Corners, walls: Sequence[tuple[float, float]]) -> Non
 def in_polygon(polygon: Corners, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Whether points at x and y (m), of any shape, lie in a polygon."""
     return np.asarray(shapely.contains_xy(shapely.Polygon(polygon), x, y))
+
+
+def beyond_edge(
+    polygon: Corners, walls: Sequence[tuple[float, float]], x: np.ndarray, y: np.ndarray, within: float
+) -> np.ndarray:
+    """Whether points at x and y (m), of any shape, lie outside a polygon, or nearer than `within` (m) to its edge.
+
+    An edge along a wall does not count: the wall is the constraint.
+    """
+    (west, east), (south, north) = walls
+    inner = shapely.box(west, south, east, north).buffer(-ROUNDING * min(east - west, north - south))
+    edge = shapely.Polygon(polygon).exterior.intersection(inner)
+    return ~in_polygon(polygon, x, y) | (shapely.distance(edge, shapely.points(x, y)) < within)

@@ -18,6 +18,7 @@ from jaxmpm.ground._boundaries import (
     Height,
     Outline,
     bedrock_of,
+    between_walls,
     check_alike,
     elevation_of_toe,
     knots,
@@ -75,7 +76,7 @@ class Section:
     bedrock: Line | None = None
 
     def outline(self) -> Outline:
-        """Points of the surface, positions of both walls, and height of the base.
+        """Points of the surface between the walls, positions of both walls, and height of the base.
 
         Raises:
             ValueError: If the surface is invalid, does not reach the walls or goes below the base.
@@ -88,11 +89,7 @@ class Section:
             self.interface.check()
         if not left < right:
             raise ValueError(f"walls at x = {left:g} m and {right:g} m: give the left one first")
-        for (x, z), wall, gap in ((points[0], left, points[0, 0] - left), (points[-1], right, right - points[-1, 0])):
-            if gap > 0:
-                raise ValueError(
-                    f"the surface ends at ({x:g}, {z:g}) m, {gap:g} m from the wall at x = {wall:g} m: draw it on"
-                )
+        points = between_walls(points, left, right)
         x, z = points[np.argmin(points[:, 1])]
         if z < self.base:
             raise ValueError(f"the surface at ({x:g}, {z:g}) m lies below the base at {self.base:g} m: lower the base")
@@ -107,18 +104,19 @@ class Section:
     @property
     def extent(self) -> tuple[float, ...]:
         """Edges (2,) m of the bounding box."""
-        left, right = self.outline().walls
-        return (right - left, max(z for _, z in self.surface) - self.base)
+        points, (left, right), *_ = self.outline()
+        return (right - left, float(points[:, 1].max()) - self.base)
 
     @property
     def relief(self) -> float:
         """Height of the surface's highest point above its lowest (m)."""
-        return max(z for _, z in self.surface) - min(z for _, z in self.surface)
+        return float(np.ptp(self.outline().points[:, 1]))
 
     @property
     def downhill(self) -> int:
         """Direction along x in which the ground falls: to its toe, or to its lower end where it has none; 1 or -1."""
-        return 1 if self.toe is not None or self.surface[0][1] >= self.surface[-1][1] else -1
+        z = self.outline().points[:, 1]
+        return 1 if self.toe is not None or z[0] >= z[-1] else -1
 
     @property
     def volume(self) -> float:

@@ -14,11 +14,11 @@ import numpy as np
 
 from foundation import check
 from jaxmpm.grid import Grid
-from jaxmpm.ground._base import boundary_of_base, check_bedrock
+from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
 from jaxmpm.ground._boxes import SAMPLED, boxes
 from jaxmpm.ground._fill import box_cells, box_grid, nodes_in_plan
 from jaxmpm.ground._layer import Box, Layer
-from jaxmpm.ground._polygon import check_polygon, in_polygon
+from jaxmpm.ground._polygon import beyond_edge, check_polygon, in_polygon
 from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, water_raster, water_surface
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
@@ -81,8 +81,7 @@ class Terrain:
     @property
     def corner(self) -> tuple[float, ...]:
         """Lowest corner (3,) m of the bounding box."""
-        (west, _), (south, _) = self.walls
-        return (west, south, self.base)
+        return (self.walls[0][0], self.walls[1][0], self.base)
 
     @property
     def extent(self) -> tuple[float, ...]:
@@ -155,7 +154,7 @@ class Terrain:
         if self.bedrock is not None:
             self.bedrock.check("bedrock")
             refuse_holes("bedrock", self.floor(x, y), x, y)
-            plan = np.stack([each.clip(*ends) for each, ends in zip((x, y), self.walls, strict=True)])
+            plan = np.stack(self._clamped(x, y))
             check_bedrock(plan, self.floor(*plan), self.heights(*plan), self.base)
 
     def in_plan(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -178,7 +177,7 @@ class Terrain:
         return modelled if self.depth is None else modelled & (z > self.heights(x, y) - self.depth)
 
     def beyond(self, grid: Grid) -> np.ndarray | None:
-        """Nodes of a grid at which ground beyond a cut is fixed.
+        """Nodes of a grid at which ground beyond a cut is fixed, up to half a cell within it, as by `rigid_base`.
 
         Args:
             grid: of the nodes.
@@ -192,21 +191,25 @@ class Terrain:
         z = grid.origin[2] + grid.cell * np.arange(grid.shape[2])
         fixed = np.zeros(grid.shape, bool)
         if self.fixed_edge is not None:
-            fixed |= ~self.in_plan(x, y)[..., None]
+            fixed |= beyond_edge(self.fixed_edge, self.walls, x, y, NEAR * grid.cell)[..., None]
         if self.depth is not None:
-            fixed |= z <= (self.heights(x, y) - self.depth)[..., None]
+            upright = normals(lambda *at: self.heights(*self._clamped(*at)), [x, y], grid.cell)[-1]
+            fixed |= (z - (self.heights(x, y) - self.depth)[..., None]) * upright[..., None] < NEAR * grid.cell
         return fixed.ravel()
 
     def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Height of the surface (m) at x, y (m), nan outside it."""
         return self.surface.at(x, y)
 
+    def _clamped(self, x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+        """Points x, y (m), those beyond the walls moved to them."""
+        return [at.clip(*ends) for at, ends in zip((x, y), self.walls, strict=True)]
+
     def floor(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Height of rigid ground (m) at x, y (m) of any shape, as at the walls beyond them: of the bedrock or base."""
         if self.bedrock is None:
             return np.full(np.shape(x), self.base)
-        (west, east), (south, north) = self.walls
-        return self.bedrock.at(x.clip(west, east), y.clip(south, north))
+        return self.bedrock.at(*self._clamped(x, y))
 
     def lowered(self, depth: float) -> Raster:
         """The surface moved down by `depth` (m)."""
@@ -256,8 +259,7 @@ class Terrain:
         rasters = [self.surface, *(layer.bottom for layer in layers if isinstance(layer.bottom, Raster))]
         points = [raster.cropped(*self.walls).points() for raster in rasters]
         (west, east), (south, north) = self.walls
-        x, y = np.concatenate(points, axis=1)
-        x, y = x.clip(west, east), y.clip(south, north)
+        x, y = self._clamped(*np.concatenate(points, axis=1))
         top, bottom = self.tops(layers, x, y)[number : number + 2]
         if not (top > bottom).any():
             raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")

@@ -149,13 +149,14 @@ def replay(
         raise ValueError(f"every = {every} does not divide {steps} steps: give a divisor")
     check_state(scene, state, None)
     state = begun(scene, running(state))
+    last = None if limit is None else state.step + limit
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))
 
     def one(old: State) -> State:
         new = replace(step(scene, old, scene.time_step), step=old.step + 1)
-        if limit is None:
+        if last is None:
             return new
-        going = old.step < limit
+        going = old.step < last
         return jax.tree.map(lambda a, b: jnp.where(going, a, b), new, old)
 
     def segment(old: State, _: object) -> tuple[State, object]:

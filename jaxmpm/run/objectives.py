@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -42,7 +43,7 @@ def soft_largest_displacement(state: State, width: float = 0.1) -> Array:
 
 
 def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -> Array:
-    """Position along x beyond which the foremost share of all mass lies, a smooth quantile; for slides see `runout`.
+    """Largest x beyond which a share of all mass lies, a smooth quantile; for slides see `runout`.
 
     It solves mass share of (1 + tanh((x - front) / width)) / 2 = share by bisection, and differentiates that equation.
     It lies behind the foremost particle; for particles spread over much more than `width` the error is of second order
@@ -77,7 +78,14 @@ def front(scene: Scene, state: State, share: float = 0.01, width: float = 0.5) -
 
 
 def runout(
-    scene: Scene, state: State, toe: float, *, moved: float = 1.0, share: float = 0.02, width: float = 0.25
+    scene: Scene,
+    state: State,
+    toe: float,
+    *,
+    moved: float = 1.0,
+    share: float = 0.02,
+    width: float = 0.25,
+    downhill: Literal[1, -1] = 1,
 ) -> Array:
     """Smooth run-out: distance beyond the toe at which the foremost share of the sliding soil begins.
 
@@ -94,6 +102,7 @@ def runout(
         moved: displacement of sliding soil (m), above 0.
         share: of the sliding soil, between 0 and 1/2.
         width: of the smoothing (m), above 0.
+        downhill: direction along x in which the slope falls to its toe.
 
     Returns:
         () m.
@@ -105,11 +114,14 @@ def runout(
     check.between("share", share, 0.0, 0.5)
     for name, length in (("moved", moved), ("width", width)):
         check.positive(name, length, "m")
+    if downhill not in (1, -1):
+        raise ValueError(f"downhill = {downhill!r}: give 1 for a slope that falls along x, -1 for one that rises")
     rise = jnp.clip(diagnostics.displacement(state) / moved - 0.5, 0.0, 1.0)
-    mass, x = scene.particles.mass, diagnostics.position(scene, state)[0]
+    mass, x = scene.particles.mass, downhill * diagnostics.position(scene, state)[0]
     # A grain at the toe gives run-out 0 without a slide; a slide of one particle outweighs it a thousand times.
     weight = jnp.append(mass * rise**3 * (10 - 15 * rise + 6 * rise**2), 1e-3 * jnp.mean(mass))
     ahead = width * np.arctanh(1 - 2 * share)
+    toe = downhill * toe
     return _foremost(jnp.append(x, jnp.asarray(toe, x.dtype)), weight, share, width) - toe - ahead
 
 

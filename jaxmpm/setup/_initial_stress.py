@@ -158,14 +158,17 @@ def overburden(scene: Scene) -> np.ndarray:
     *across, z = position
     order = np.lexsort((-z, *across))
     starts = np.r_[True, np.any(np.diff(position[:-1, order], axis=1) != 0, axis=0)]
-    gaps = -np.diff(z[order])[~starts[1:]]
-    height = gaps.min() if gaps.size else 0.0
-    unit_weight = (
-        -float(scene.gravity[-1]) * np.asarray(scene.particles.mass, float) / np.asarray(scene.particles.volume, float)
-    )
+    if starts.all():
+        return np.zeros(z.size)
+    mass, volume = np.asarray(scene.particles.mass, float), np.asarray(scene.particles.volume, float)
+    # Not volume over height: the ground's surface may cut a particle.
+    gaps = [np.diff(np.unique(axis)) for axis in across]
+    height = -np.diff(z[order])[~starts[1:]].min()
+    area = float(np.prod([np.median(gap) for gap in gaps])) if all(gap.size for gap in gaps) else volume.max() / height
+    weight = -float(scene.gravity[-1]) * mass
     if scene.water is not None:
-        unit_weight = unit_weight - np.asarray(scene.water.push(scene.particles.position)[-1], float)
-    weight = unit_weight[order] * height
+        weight = weight - volume * np.asarray(scene.water.push(scene.particles.position)[-1], float)
+    weight = weight[order] / area
     below = np.cumsum(weight)
     column = np.maximum.accumulate(np.where(starts, np.arange(order.size), 0))
     above = np.empty(order.size)

@@ -56,6 +56,17 @@ def test_walls_leave_out_what_is_drawn_beyond_them():
     assert cut.particles.mass.size == np.count_nonzero((x > 4) & (x < 18))
 
 
+def test_what_lies_beyond_the_walls_changes_nothing():
+    hill = [(0.0, 0.0), (10.0, 200.0), (10.0, 20.0), (20.0, 20.0), (50.0, 5.0), (60.0, -90.0)]
+    cut = mpm.Section(hill, base=-5.0, walls=(10.0, 45.0))
+    drawn = mpm.Section([(10.0, 20.0), (20.0, 20.0), (45.0, 7.5)], base=-5.0)
+    assert (cut.relief, cut.extent, cut.downhill) == (drawn.relief, drawn.extent, drawn.downhill) == (12.5, (35, 25), 1)
+    one, other = (mpm.section(shape, CLAY, mpm.Discretisation(1.0, (0.5, 0.5)), k_h=0.2)[0] for shape in (cut, drawn))
+    assert np.array_equal(one.gravity, other.gravity)
+    assert one.grid == other.grid
+    assert np.array_equal(one.particles.position, other.particles.position)
+
+
 def test_each_end_is_held_as_asked():
     """Level ground that gets its weight at once hangs on a fixed end, and comes down along a roller."""
     level, fallen = mpm.Section([(0, 6), (20, 6)]), {}

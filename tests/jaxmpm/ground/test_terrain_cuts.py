@@ -36,7 +36,8 @@ def test_a_polygon_keeps_what_lies_in_it():
     x, y, _ = (start + 2.0 * np.arange(n) for start, n in zip(scene.grid.origin, scene.grid.shape, strict=True))
     # Along the walls these hold, which are rollers.
     x, y = np.meshgrid(x.clip(0.01, 15.99), y.clip(0.01, 7.99), indexing="ij")
-    assert np.array_equal(held[:, :, 0], x / 16 + y / 8 > 0.9999)
+    from_edge = (16 * 8 - 8 * x - 16 * y) / np.hypot(8, 16)
+    assert np.array_equal(held[:, :, 0], from_edge < 0.999)  # half a cell
     assert (held == held[:, :, :1]).all()
 
 
@@ -47,7 +48,41 @@ def test_a_depth_keeps_what_lies_above_it():
     assert shape.volume == pytest.approx(16 * 8 * 3, rel=1e-6)
     assert float(jnp.sum(scene.particles.volume)) == pytest.approx(shape.volume, rel=0.05)
     held = np.asarray(scene.cut).reshape(scene.grid.shape)
-    assert held[2, 2, :].nonzero()[0].max() * 2 - 2 == 4  # at x = 2 m the cut lies at 5.5 m
+    assert held[2, 2, :].nonzero()[0].max() * 2 - 2 == 6  # at x = 2 m the cut lies at 5.5 m
+
+
+@pytest.mark.parametrize("inset", [0.0, 0.6, 1.0, 1.6, 1.9])
+def test_a_fixed_edge_holds_wherever_it_lies_within_a_cell(inset):
+    x, y = np.arange(0, 31, 2.0), np.arange(0, 21, 2.0)
+    gentle = mpm.Raster((8 - 0.1 * x)[:, None] + 0 * y, (0.0, 0.0), 2.0)
+    low, high = 4 + inset, 16 - inset
+    polygon = ((2 + low, low), (8 + high, low), (8 + high, high), (2 + low, high))
+    sand = mpm.FrictionalSoil(cohesion=5e3, friction=30, unit_weight=18e3, young=2e7)
+    scene, state = mpm.terrain(mpm.Terrain(gentle, 0.0, polygon=polygon), sand, ONES)
+    assert float(mpm.diagnostics.largest_displacement(mpm.solve(scene, state, t_end=0.5).state)) < 1e-3
+
+
+@pytest.mark.parametrize("depth", [2.0, 2.5, 3.0, 3.9])
+def test_a_cut_at_a_depth_holds_wherever_it_lies_within_a_cell(depth):
+    level = mpm.Raster(np.full((9, 5), 8.0), (0.0, 0.0), 2.0)
+    rock = mpm.Raster(level.heights - depth, (0.0, 0.0), 2.0)
+    fallen = []
+    for shape in (mpm.Terrain(level, 0.0, depth=depth), mpm.Terrain(level, 0.0, bedrock=rock)):
+        final = mpm.solve(*mpm.terrain(shape, CLAY, ONES, at_rest=False), t_end=0.3).state
+        fallen.append(float(mpm.diagnostics.largest_displacement(final)))
+    assert fallen[0] < 0.03  # free fall: 0.44 m
+    assert fallen[0] == pytest.approx(fallen[1], rel=0.1)
+
+
+def test_a_cut_along_a_slope_holds_as_bedrock_does():
+    x, y = np.arange(0, 31, 2.0), np.arange(0, 21, 2.0)
+    heights = (12 - 0.2 * x)[:, None] + 0 * y
+    surface, rock = (mpm.Raster(heights - down, (0.0, 0.0), 2.0) for down in (0.0, 6.0))
+    lowest = [
+        float(mpm.terrain(shape, CLAY, ONES)[1].stress[2].min())
+        for shape in (mpm.Terrain(surface, 0.0, depth=6.0), mpm.Terrain(surface, -6.0, bedrock=rock))
+    ]
+    assert lowest[0] == pytest.approx(lowest[1], rel=0.1)  # -429 kPa where it held at a few points alone
 
 
 @pytest.fixture(scope="module")

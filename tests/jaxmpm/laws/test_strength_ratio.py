@@ -137,6 +137,15 @@ def test_the_solver_alone_gives_each_particle_its_strength():
     np.testing.assert_allclose(scene.material.strength, wet_model(CONSTANT).strength(), rtol=1e-6)
 
 
+@pytest.mark.parametrize("top", [8.0, 8.1, 8.4, 8.9])
+def test_a_particle_that_the_surface_cuts_weighs_its_part_on_those_below(top):
+    level = mpm.Raster(np.full((7, 5), top), (0.0, 0.0), 2.0)
+    soil, numerics = mpm.Soil(unit_weight=20e3, strength=40e3), mpm.Discretisation(2.0, (1.0, 1.0, 1.0))
+    scene, _ = mpm.terrain(mpm.Terrain(level, 0.0), soil, numerics, at_rest=False)
+    z, stress = np.asarray(scene.particles.position[2]), mpm.overburden(scene)
+    np.testing.assert_allclose(stress[z < 7], 20e3 * (top - z[z < 7]), rtol=1e-5)
+
+
 def test_water_on_clay_of_a_ratio_is_a_load():
     model = wet_model(CONSTANT, "level = 15.0")
     assert model.scene.water is not None

@@ -166,6 +166,11 @@ def test_a_lane_stays_where_its_recorded_number_of_steps_ends():
     short, _ = jax.jit(partial(mpm.replay, steps=15))(scene, state)
     np.testing.assert_allclose(lanes.displacement[0], short.displacement, rtol=1e-5, atol=1e-9)
     assert lanes.step.tolist() == [15, 40]
+    # Steps count from the given state, whatever led to it.
+    on, _ = mpm.replay(scene, short, 25, limit=jnp.asarray(10))
+    whole, _ = mpm.replay(scene, state, 25)
+    assert int(on.step) == 25
+    np.testing.assert_allclose(on.displacement, whole.displacement, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.usefixtures("x64")
@@ -232,6 +237,14 @@ def test_run_out_is_of_soil_that_slid():
     assert 0.5 < hard < 9
     assert hard - 1.0 < soft < hard
     assert abs(float(objectives.runout(scene, state, toe))) < 1e-9
+    # A slope that falls the other way.
+    mirror = jnp.array([[-1.0], [1.0]])
+    there = replace(scene, particles=replace(scene.particles, position=mirror * scene.particles.position))
+    slid = replace(final, displacement=mirror * final.displacement)
+    other = objectives.runout(there, slid, -toe, moved=0.5, share=0.01, width=0.1, downhill=-1)
+    assert float(other) == pytest.approx(soft, rel=1e-9)
+    with pytest.raises(ValueError, match=r"downhill = 0: give 1 for a slope that falls along x, -1"):
+        objectives.runout(there, slid, -toe, downhill=0)
     # The front of all mass is the end of the ground, which never moves.
     with pytest.warns(UserWarning, match="it is the ground ahead of the slide, use objectives.runout"):
         assert float(objectives.front(scene, final)) > SLOPE.length - 2
