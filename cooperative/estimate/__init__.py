@@ -14,7 +14,7 @@ from cooperative.estimate._estimates import (
     with_variance,
 )
 from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
-from cooperative.estimate._formulas import control_variate, monte_carlo, published
+from cooperative.estimate._formulas import as_answers, control_variate, monte_carlo, published
 from cooperative.estimate._fragility import Curve, fit_fragility
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
 from cooperative.estimate._nested import draw_samples
@@ -75,6 +75,7 @@ __all__ = [
     "Zone",
     "after_more_runs",
     "all_samples",
+    "as_answers",
     "by_sample",
     "chance_of",
     "control_variate",

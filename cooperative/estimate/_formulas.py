@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from cooperative.estimate._estimates import Estimate, binomial, with_variance
+from cooperative.estimate._estimates import Estimate, binomial, wilson_interval, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._protocol import Answers
 from cooperative.estimate._ranking import rank_samples, stopping_rank
 
 FOLDS = 5
 """Folds of the control variate; it takes two runs in each."""
+RARE = 5
+"""Failures, or runs that stand, below which the residuals of the control variate show too little of its scatter."""
+
+
+def as_answers(failed: Iterable[object]) -> np.ndarray:
+    """Answers (n,) bool; ValueError for none, or for one that is neither true nor false.
+
+    Args:
+        failed: whether each sample failed, True or False, 1 or 0.
+    """
+    answers = np.asarray(failed).ravel().tolist()
+    if wrong := [each for each in answers if each not in (0, 1)]:
+        raise ValueError(
+            f"failed holds {wrong[0]!r}: give True or False of each run, and leave out runs that broke off"
+        )
+    if not answers:
+        raise ValueError("failed is empty: give the answer of one run or more")
+    return np.array(answers, dtype=bool)
 
 
 def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.inf) -> Estimate:
@@ -22,8 +41,11 @@ def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.
         failed: (N,) bool.
         level: confidence level of the interval.
         samples: that can run in all, these among them.
+
+    Raises:
+        ValueError: an answer is missing.
     """
-    failed = np.asarray(failed, dtype=bool)
+    failed = as_answers(failed)
     share = float(failed.mean())
     left = share * (1 - share) * (1 / failed.size - 1 / samples)
     return binomial("Monte Carlo", int(failed.sum()), failed.size, failed.size, level=level, audit_variance=left)
@@ -82,7 +104,11 @@ def control_variate(
         refined: sample -> failed, of at least 2 samples per fold drawn without regard to their rough result, for
             example the first n.
         failure_displacement: beyond which a sample has failed (m).
-        level: confidence level of the interval.
+        level: confidence level of the interval. With fewer than `RARE` failures, or runs that stand, it is as wide as
+            that of the refined runs alone.
+
+    Raises:
+        ValueError: there are fewer runs, or an answer is missing.
     """
     count = np.size(rough_displacement)
     if len(refined) < 2 * FOLDS:
@@ -91,7 +117,7 @@ def control_variate(
     score = normal_scores(np.ones(count))[rank]
     centre = rough_centre(rough_displacement, np.ones(count), failure_displacement)
     runs = np.fromiter(sorted(refined), dtype=int)
-    failed = np.array([refined[int(run)] for run in runs], dtype=float)
+    failed = as_answers([refined[int(run)] for run in runs]).astype(float)
     residual, predicted = np.empty(runs.size), 0.0
     for fold in range(FOLDS):
         mine = np.arange(runs.size) % FOLDS == fold
@@ -101,7 +127,12 @@ def control_variate(
     probability = predicted + float(residual.mean())
     share = min(max(probability, 0.0), 1.0)
     spread = float(residual.var(ddof=1)) * (1 / runs.size - 1 / count)
-    return with_variance(
+    estimate = with_variance(
         "multifidelity control variate", probability, share * (1 - share) / count + spread, runs.size,
         freedom=runs.size - 1, audit_variance=spread, level=level,
     )  # fmt: skip
+    if min(failed.sum(), (1 - failed).sum()) >= RARE:
+        return estimate
+    ends = zip(estimate.interval, wilson_interval(failed.sum(), runs.size, level), strict=True)
+    (low, also_low), (high, also_high) = ends
+    return replace(estimate, interval=(min(low, also_low), max(high, also_high)))

@@ -297,8 +297,10 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
     notes = []
     if unanswered := int(np.isnan(replay.outcome[replay.known]).sum()):
         notes.append(f"{unanswered} refined runs gave no answer; the model replaces them")
-    if np.isnan(audit.variance):
-        notes.append("no wave of the audit is complete yet: the estimate is the model's")
+    silent = bool(np.isnan(replay.outcome).all())
+    if silent or np.isnan(audit.variance):
+        why = "no refined run gave an answer" if silent and runs else "no wave of the audit is complete yet"
+        notes.append(f"{why}: the estimate is the model's")
         return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)
     variance, total = audit.variance, audit.total
     if plan.target_cov is not None:

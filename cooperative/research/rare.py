@@ -13,14 +13,14 @@ step, 10.1007/978-0-387-34866-7_32; Melchers (1989), importance sampling at the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from cooperative.estimate import Estimate, with_variance
+from cooperative.estimate import Estimate, as_answers, with_variance
 from cooperative.runs import GridModel
 from jaxmpm import objectives, replay, with_soil
 
@@ -166,7 +166,8 @@ def importance_sampling(
     """Probability of failure from samples around `centre` (M,), weighted back to the standard normal.
 
     The normal density is shifted, not stretched: with tens of coefficients a stretched one has weights of unbounded
-    variance. The interval is that of the mean of the weights.
+    variance. The interval is that of the mean of the weights; where no sample fails, it is open to 1, since nothing
+    bounds the weights of failures that were not drawn.
 
     Args:
         fails: coefficients (samples, M) -> whether each fails.
@@ -176,18 +177,23 @@ def importance_sampling(
         level: confidence level of the interval.
 
     Raises:
-        ValueError: fewer than 2 samples.
+        ValueError: fewer than 2 samples, or an answer is missing.
     """
     if samples < 2:
         raise ValueError(f"samples = {samples}: give 2 or more")
     centre = np.asarray(centre, float)
     shifted = centre + np.random.default_rng(seed).standard_normal((samples, centre.size))
-    weights = np.exp(centre @ centre / 2 - shifted @ centre) * np.asarray(fails(shifted), float)
-    return with_variance(
+    failed = as_answers(fails(shifted))
+    if failed.size != samples:
+        raise ValueError(f"{failed.size} answers of {samples} samples: give one of each row of coefficients")
+    weights = np.exp(centre @ centre / 2 - shifted @ centre) * failed
+    estimate = with_variance(
         "importance sampling",
         float(weights.mean()),
         float(weights.var(ddof=1)) / samples,
         samples,
         level=level,
-        notes=(f"{int((weights > 0).sum())} of {samples} samples around the design point fail",),
+        notes=(f"{int(failed.sum())} of {samples} samples around the design point fail",),
+        independent=np.inf if centre.any() else samples,
     )
+    return replace(estimate, interval=(0.0, 1.0)) if centre.any() and not failed.any() else estimate

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from cooperative.estimate import wilson_interval
 from cooperative.research.rare import Search, design_point, importance_sampling
 
 
@@ -77,3 +78,15 @@ def test_a_search_that_does_not_end_says_so():
     # The limit state never reaches 0.
     result = design_point(lambda x: (1 + float(np.exp(-x[0])), np.array([-np.exp(-x[0]), 0.0])), 2, Search(steps=5))
     assert not result.converged
+
+
+def test_importance_sampling_without_a_failure_bounds_nothing():
+    centre = np.array([3.0, 0.0])
+    none = importance_sampling(lambda x: x[:, 0] > 50, centre, 400)
+    assert (none.probability, none.interval) == (0.0, (0.0, 1.0))
+    # Around 0 it is Monte Carlo.
+    assert importance_sampling(lambda x: x[:, 0] > 50, 0 * centre, 20).interval == wilson_interval(0, 20)
+    assert importance_sampling(lambda x: x[:, 0] < 50, 0 * centre, 20).interval == wilson_interval(20, 20)
+    for answer, message in ((lambda x: np.full(len(x), np.nan), "holds nan"), (lambda x: [True], "1 answers of 20")):
+        with pytest.raises(ValueError, match=message):
+            importance_sampling(answer, centre, 20)
