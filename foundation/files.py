@@ -49,7 +49,7 @@ def aside(path: str | Path) -> Iterator[Path]:
         OSError: If the system refuses, with its errno, the file's name and a remedy.
     """
     path = Path(path)
-    part = path.with_name(f".{path.name}.part")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")  # another process may write the same file
     try:
         with explained(path):
             # A leftover of a killed process, or a link to another file.

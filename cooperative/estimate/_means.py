@@ -152,6 +152,8 @@ def mean_of(estimate: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chanc
         freedom = np.where(square > 0, (of_pf + relative) ** 2 / np.where(square > 0, square, 1.0), np.inf)
         half = quantile(estimate.level, np.maximum(freedom, LEAST_FREEDOM)) * np.sqrt(relative + of_pf)
         low = np.where(ratio > 0, value * np.exp(-half), 0.0)
+        # P_f at its lower limit, whatever its variance, which is 0 where all samples fail.
+        low = np.minimum(low, estimate.interval[0] * brings.max(axis=0, initial=0.0))
         high = value * np.exp(np.minimum(half, 700.0))
     return Chances(*(each.reshape(shape) for each in (value, low, high, count)))
 

@@ -264,7 +264,7 @@ def drawn_change(ground: runs.StoredGround, grid: str, sample: Sample) -> Drawn:
     """One sample's section before and after, by the stored plastic strain."""
     plane = _plane(ground, grid, sample)
     section, half = plots.section_of(ground.grids[grid], plane)
-    displacement, strain = sample.fields["displacement"][[0, -1]][:, plane], sample.fields["plastic_strain"][plane]
+    displacement, strain = sample.fields["displacement"][:, plane], sample.fields["plastic_strain"][plane]
     caption = f"Sample {sample.number} before and after its slide, by plastic strain."
     return Drawn("slope", caption, plots.before_and_after(section, displacement, strain, half))
 
@@ -277,7 +277,7 @@ def drawn_slide(
         return
     displacement, plane = np.stack(shown.displacement), _plane(ground, grid, sample)
     name, of = ground.random[0], ground.grids[grid]
-    seen = displacement[:, [0, -1]][:, :, plane]
+    seen = displacement[:, :, plane]
     where = " Section where it moved farthest." if ground.dimension == 3 else ""
     yield Drawn(
         f"slide-{sample.number:06d}",

@@ -113,7 +113,7 @@ def before_and_after(
 
     Args:
         position: (2, N) m, rows x and z.
-        displacement: (2, N) m, rows x and z.
+        displacement: (d, N) m, also across the section in 3D.
         plastic_strain: (N,).
         half_size: (2,) m.
     """
@@ -122,7 +122,7 @@ def before_and_after(
     magnitude = float(np.linalg.norm(displacement, axis=0).max())
     for ax, step, title in (
         (axes[0], np.zeros_like(position), "before, in the colours of the end"),
-        (axes[1], displacement, f"after, largest displacement {magnitude:.3g} m"),
+        (axes[1], displacement[[0, -1]], f"after, largest displacement {magnitude:.3g} m"),
     ):
         boxes = draw_particles(ax, position, half_size, plastic_strain, "viridis", norm, displacement=step)
         ax.set_title(title, loc="left")
@@ -138,7 +138,8 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
         section: before.
         name: of the soil's parameter, and its values (N,), SI units or degrees.
         field: of the soil's parameter, and its values (N,), SI units or degrees.
-        displacement: (T, 2, N) m at the T times (s); colour shows how far a particle has moved by then.
+        displacement: (T, d, N) m at the T times (s), also across the section in 3D; colour shows how far a particle has
+            moved by then.
         times: of the displacements (s).
     """
     position, half = section
@@ -151,7 +152,7 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
     figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.unit}]", aspect=8)
     norm = Normalize(0.0, max(float(magnitude.max()), 1e-6))
     for ax, time, step, far in zip(axes[1:], times, displacement, magnitude, strict=True):
-        boxes = draw_particles(ax, position, half, far, "viridis", norm, displacement=step)
+        boxes = draw_particles(ax, position, half, far, "viridis", norm, displacement=step[[0, -1]])
         ax.set_title(f"t = {time:.3g} s, moved up to {far.max():.3g} m", loc="left")
     figure.colorbar(boxes, ax=axes[1:], label="displacement [m]", aspect=8 * len(times))
     _share_limits(axes)

@@ -19,6 +19,7 @@ from jaxmpm import Layer, Raster, Scene, Section, State
 from jaxmpm.ground import as_section
 from jaxmpm.laws import WaterTable, declared
 from jaxmpm.run import FactorOfSafety
+from jaxmpm.soil import STANDARD_GRAVITY
 
 APART = 0.05
 """Share by which two factors of safety differ before reasons are given."""
@@ -163,7 +164,7 @@ def _by_slices(result: Safety, model: GridModel, coefficients: np.ndarray | None
         water = np.stack([table.x, table.z], axis=1).astype(float) if isinstance(table, WaterTable) else None
         slices = Slices.of(
             shape, _weighed(layers, model, scene), water=None if water is None else water.tolist(), r_u=site.r_u,
-            k_h=campaign.run.k_h, k_v=campaign.run.k_v, strength=_strength(model, scene),
+            k_h=campaign.run.k_h, k_v=campaign.run.k_v, gravity=campaign.run.gravity, strength=_strength(model, scene),
             rock=[number for number, each in enumerate(site.layers) if each.rock],
         )  # fmt: skip
         result = replace(result, shape=shape, layers=tuple(layers), water=water)
@@ -183,7 +184,7 @@ def _weighed(layers: Sequence[Layer], model: GridModel, scene: Scene) -> list[La
     if "unit_weight" not in model.names:
         return list(layers)
     particles = scene.particles
-    weight = model.campaign.run.gravity * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
+    weight = STANDARD_GRAVITY * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
     number = np.zeros(weight.size, int) if model.layer is None else model.layer
     return [
         replace(layer, soil=replace(layer.soil, unit_weight=float(weight[number == k].mean())))

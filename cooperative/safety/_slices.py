@@ -21,6 +21,7 @@ import shapely
 
 from jaxmpm import Layer, Section, Soil
 from jaxmpm.ground import WATER_WEIGHT
+from jaxmpm.soil import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -131,6 +132,7 @@ class Conditions(TypedDict, total=False):
         k_h: pseudo-static horizontal acceleration over gravity, as `jaxmpm.section`.
         k_v: vertical one, upwards, by which soil weighs less; the horizontal force does not.
         rock: numbers of the layers that are rock.
+        gravity: downwards (m/s2), by default standard gravity.
     """
 
     water: float | Sequence[Sequence[float]] | None
@@ -138,6 +140,7 @@ class Conditions(TypedDict, total=False):
     k_h: float
     k_v: float
     rock: Sequence[int]
+    gravity: float
 
 
 def inputs(shape: Section, layers: Sequence[Layer], **conditions: Unpack[Conditions]) -> dict[str, object]:
@@ -155,7 +158,7 @@ def inputs(shape: Section, layers: Sequence[Layer], **conditions: Unpack[Conditi
         ValueError: xslope is not installed, or soil or lines of the section will not do.
     """
     water, r_u, rock = conditions.get("water"), conditions.get("r_u"), conditions.get("rock", ())
-    lighter = 1 - conditions.get("k_v", 0.0)
+    lighter, pull = 1 - conditions.get("k_v", 0.0), conditions.get("gravity", STANDARD_GRAVITY) / STANDARD_GRAVITY
     # Without rock that lies below all soil, the ground's floor is its top, which circles then follow.
     covered = max((number for number in range(len(layers)) if number not in rock), default=-1)
     outcrops = not _covered(shape, layers, covered)
@@ -172,10 +175,11 @@ def inputs(shape: Section, layers: Sequence[Layer], **conditions: Unpack[Conditi
         "ground_surface": ground,
         "domain_polygon": domain,
         "materials": [
-            _material(number, layer, u, r_u, rock=number in rock, weighs=lighter) for number, layer in enumerate(layers)
+            _material(number, layer, u, r_u, rock=number in rock, weighs=lighter * pull)
+            for number, layer in enumerate(layers)
         ],
         "piezo_line": [tuple(point) for point in water or ()],
-        "gamma_water": WATER_WEIGHT * KILO,
+        "gamma_water": WATER_WEIGHT * pull * KILO,
         "water_loads": "auto",
         "k_seismic": abs(conditions.get("k_h", 0.0)) / lighter,
         "tcrack_depth": 0.0,

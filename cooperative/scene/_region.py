@@ -18,8 +18,8 @@ from foundation.text import shown
 from jaxmpm import Raster, Terrain
 
 RUN_OUT_LINE = "[terrain] run_out_line"
-NEAR = 0.01
-"""Distance of coordinates from an origin, over that from 0, up to which they are those of the projection."""
+CLEARLY = 2.0
+"""Factor between the distances of coordinates from an origin and from 0 that shows from which they are counted."""
 FARTHEST = 1e5
 """Coordinate (m) from which on a surface is taken to be in a national grid."""
 FINEST = 10**6
@@ -39,10 +39,21 @@ def shift_of(origin: Sequence[float], points: np.ndarray) -> np.ndarray:
 
     Returns:
         The origin where the points are coordinates of the projection, 0 where they are counted from it already (2,) m.
+
+    Raises:
+        ValueError: they lie about as far from the origin as from 0.
     """
     start, middle = np.asarray(origin, float), np.asarray(points, float).mean(axis=0)
-    inside = np.linalg.norm(middle - start) < NEAR * np.linalg.norm(middle)
-    return start if inside else np.zeros(2)
+    from_origin, from_zero = float(np.linalg.norm(middle - start)), float(np.linalg.norm(middle))
+    if not start.any() or CLEARLY * from_zero <= from_origin:
+        return np.zeros(2)
+    if CLEARLY * from_origin <= from_zero:
+        return start
+    raise ValueError(
+        f"the middle of the file, ({middle[0]:.10g}, {middle[1]:.10g}) m, lies {from_origin:.3g} m from origin = "
+        f"{list(origin)} and {from_zero:.3g} m from 0, so that it is not clear whether the origin is to be subtracted: "
+        "give an origin at a corner of the file, or none"
+    )
 
 
 def ask_for_origin(surface: Raster) -> None:

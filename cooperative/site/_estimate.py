@@ -125,6 +125,7 @@ def estimate_site(
     assumed = assumed or Assumed()
     soundings, measured = read_files([Path(each) for each in paths], units)
     require_elevations(soundings)
+    _require_alike(soundings, measured)
     layers = _layers(soundings, measured, assumed, boundaries)
     for each in measured:
         if beyond := int(((each.z >= layers[0].top) | (each.z < layers[-1].bottom)).sum()):
@@ -134,6 +135,14 @@ def estimate_site(
             )
     fits = [_fit(number, layer, soundings, measured, assumed) for number, layer in enumerate(layers, 1)]
     return SiteEstimate(tuple(soundings), tuple(measured), tuple(fits), assumed)
+
+
+def _require_alike(soundings: Sequence[Sounding], measured: Sequence[Measured]) -> None:
+    """Raise SiteError for files of which some have y and others not."""
+    every: list[Sounding | Measured] = [*soundings, *measured]
+    files = {each.file: bool(np.isfinite(each.y).any()) for each in every if np.isfinite(each.x).any()}
+    if lacking := sorted(file for file, has in files.items() if has != any(files.values())):
+        raise SiteError(f"{lacking[0]} has no y, which other files have: add the column y [m] to it, or leave it out")
 
 
 def _layers(
@@ -146,7 +155,10 @@ def _layers(
     if soundings:
         top, bottom = extent_of(soundings)
     else:
-        top, bottom = max(each.z.max() for each in measured) + 0.01, min(each.z.min() for each in measured)
+        z = np.concatenate([each.z for each in measured])
+        if not z.size:
+            raise SiteError(f"no value is left of {', '.join(sorted({each.file for each in measured}))}: correct them")
+        top, bottom = float(z.max()) + 0.01, float(z.min())
     edges = [top, *(boundaries or ()), bottom]
     if any(one <= other for one, other in pairwise(edges)) and len(edges) > 2:
         raise SiteError(

@@ -40,6 +40,8 @@ PARAMETERS = {
 }
 """Columns of laboratory values: the parameter of a scene's soil, its quantity, and names."""
 _COLUMNS = CONE | POSITION | PARAMETERS
+_COMMA = re.compile(r"(?<=\d),(?=\d+\s*$)|(?<=\d),(?=\d+[eE][-+]?\d+\s*$)")
+"""The decimal comma of a number, in files whose columns are not parted by commas."""
 _HEADER = re.compile(r"\s*([^\[(]*?)\s*(?:[\[(]([^\])]*)[\])])?\s*")
 
 
@@ -124,7 +126,7 @@ def _cone_file(path: Path, units: Mapping[str, str]) -> Contents:
             top=finite(read.delivered_vertical_position_offset), datum=getattr(datum, "name", datum), depth=depth,
             cone=column("coneResistance", "2", "MPa"), sleeve=column("localFriction", "3", "MPa"),
             pore=column("porePressureU2", "6", "MPa"), area_ratio=read.cone_surface_quotient or None,
-            water=read.groundwater_level or None,
+            water=read.groundwater_level,
         )
     ], []  # fmt: skip
 
@@ -223,8 +225,11 @@ def _ags_strengths(
 def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings, or laboratory values, in columns named by the first row, each with its unit in brackets."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    rows = list(csv.reader(text.splitlines(), delimiter=max(",;\t", key=text.split("\n", 1)[0].count)))
-    rows = [row for row in rows if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")]
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    delimiter = max(",;\t", key=lines[0].count) if lines else ","
+    rows = [row for row in csv.reader(lines, delimiter=delimiter) if any(cell.strip() for cell in row)]
+    if delimiter != ",":
+        rows = [rows[0], *([_COMMA.sub(".", cell) for cell in row] for row in rows[1:])]
     if len(rows) < 2:
         raise SiteError(f"{path} has no rows below its header: give one row for each reading")
     columns = _columns(path, rows[0], units)
@@ -237,6 +242,9 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     if "cone" in table:
         if "depth" not in table:
             raise SiteError(f"{path} has cone resistances but no column depth [m]: add it")
+        for name in table.keys() & CONE:
+            if bad := sum(cell.strip() != "" for cell in cells[name]) - int(np.isfinite(table[name]).sum()):
+                check.warn(f"{path}: {bad} cells of {name} are no number and count as gaps: correct or empty them")
         return [_of_rows(path, table, name, names == name, gap) for name in dict.fromkeys(names.tolist())], []
     given = [name for name in PARAMETERS if name in table]
     if not given:

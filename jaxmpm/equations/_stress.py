@@ -16,6 +16,9 @@ from jaxmpm.laws import elastic_increment, elastic_strain, frictional, logarithm
 from jaxmpm.protocols import Tensor
 from jaxmpm.types import Scene, State
 
+PRESSURE_GOES = (0.05, 0.1)
+"""Growth of the soil's volume, as a logarithm, from which on and up to which its own pore pressure falls to 0."""
+
 
 def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Array:
     """Stress components (s, N) that act on the grid, times the current volume (J).
@@ -23,7 +26,8 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
     The mean stress is averaged by the transpose of the strain's average: forces then do the work that the averaged
     strain stores. Without this the energy grows in a long run, and that of clay that softens without bounds. Frictional
     soil under the cell average keeps its local mean stress: a free surface would lose its strength. If particles have a
-    pore pressure, the total stress acts.
+    pore pressure, the total stress acts. The pressure falls to 0 as the soil opens: one that stayed would do work
+    without bound, and slides exploded.
 
     Args:
         scene: of the particles.
@@ -36,8 +40,10 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
     """
     d = scene.grid.dimension
     if scene.pore_pressure is not None:
-        effective = tensors.expand(stress, d)
-        stress = tensors.compress(tensors.with_mean(effective, tensors.mean(effective) - scene.pore_pressure), d)
+        effective, (first, last) = tensors.expand(stress, d), PRESSURE_GOES
+        left = jnp.clip((last - jnp.log(volume / scene.particles.volume)) / (last - first), 0, 1)
+        total = tensors.mean(effective) - left * scene.pore_pressure
+        stress = tensors.compress(tensors.with_mean(effective, total), d)
     if scene.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
         full = tensors.with_mean(full, maps.average(tensors.mean(full) * specific, 0) / specific)

@@ -66,7 +66,8 @@ def points_of(name: str, line: Line | Raster) -> np.ndarray:
                 f"{name} turns back from ({x0:g}, {z0:g}) to ({x1:g}, {z1:g}) m: give points with x rising, without "
                 "overhang"
             )
-    return points
+    # A point drawn twice has no slope.
+    return points[np.r_[True, np.diff(points, axis=0).any(axis=1)]]
 
 
 def between_walls(points: np.ndarray, left: float, right: float) -> np.ndarray:

@@ -72,7 +72,7 @@ def _rows(path: Path) -> list[list[float]]:
         try:
             points.append([float(entry) for entry in entries])
         except ValueError as error:
-            if points or number > 1:
+            if points or number > 1 or any(re.fullmatch(r"[-+.\d][\d.e+-]*", entry) for entry in entries):
                 raise ValueError(f"{path}, line {number} is {shown(line)}: give x and z, two numbers") from error
             if re.search(r"(feet|foot|\bft\b|_ft)", line.lower()):
                 raise ValueError(f"{path} has headings {shown(line)}: give x and z in metres, not in feet") from error

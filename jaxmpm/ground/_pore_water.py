@@ -17,14 +17,17 @@ from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._strata import refuse_holes
 from jaxmpm.laws import WaterSurface, WaterTable
 from jaxmpm.setup import RESOLVED, Discretisation, below
+from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.types import Scene
 
 WATER_WEIGHT = 9810.0
-"""Unit weight of water (N/m3)."""
+"""Unit weight of water under standard gravity (N/m3), as those of soil are given."""
 
 
-def water_table(outline: Outline, water: float | Line | None, discretisation: Discretisation) -> WaterTable | None:
-    """The table from wall to wall; ValueError for one that does not reach them."""
+def water_table(
+    outline: Outline, water: float | Line | None, discretisation: Discretisation, gravity: float
+) -> WaterTable | None:
+    """The table from wall to wall, under gravity (m/s2); ValueError for one that does not reach them."""
     if water is None:
         return None
     left, right = outline.walls
@@ -41,7 +44,8 @@ def water_table(outline: Outline, water: float | Line | None, discretisation: Di
     _refuse_sloping_pool(outline, points, discretisation)
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
     x, z = points.T
-    return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, WATER_WEIGHT, discretisation.spacing[-1])))
+    weight = WATER_WEIGHT * gravity / STANDARD_GRAVITY
+    return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, weight, discretisation.spacing[-1])))
 
 
 def under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:
@@ -88,7 +92,7 @@ def _refuse_sloping_pool(outline: Outline, points: np.ndarray, discretisation: D
 
 
 def pore_pressure_of(
-    r_u: float | None, table: bool, z: np.ndarray, layers: Sequence[Layer], tops: Sequence[np.ndarray]
+    r_u: float | None, table: bool, z: np.ndarray, layers: Sequence[Layer], tops: Sequence[np.ndarray], gravity: float
 ) -> np.ndarray | None:
     """Pore pressure as a share of the weight per area above each particle.
 
@@ -98,6 +102,7 @@ def pore_pressure_of(
         z: height of the particles (N,) m.
         layers: from the top down.
         tops: heights (N,) m, above each particle, of the layers' upper boundaries and of the base.
+        gravity: downwards (m/s2).
 
     Returns:
         (N,) Pa, None without r_u.
@@ -114,11 +119,11 @@ def pore_pressure_of(
     above = np.zeros(z.size)
     for layer, (top, bottom) in zip(layers, pairwise(tops), strict=True):
         above += layer.soil.unit_weight * np.maximum(top - np.maximum(bottom, z), 0)
-    return r_u * above
+    return r_u * gravity / STANDARD_GRAVITY * above
 
 
 def pressure_on_base(
-    r_u: float | None, layers: Sequence[Layer], tops: Sequence[np.ndarray], levels: int
+    r_u: float | None, layers: Sequence[Layer], tops: Sequence[np.ndarray], levels: int, gravity: float
 ) -> np.ndarray | None:
     """Pore pressure at the nodes of rigid ground, by the weight above them.
 
@@ -127,11 +132,12 @@ def pressure_on_base(
         layers: from the top down.
         tops: heights (n,) m, at the nodes in plan, of the layers' upper boundaries and of rigid ground.
         levels: nodes above each other.
+        gravity: downwards (m/s2).
 
     Returns:
         (n * levels,) Pa, None without r_u.
     """
-    pressure = pore_pressure_of(r_u, table=False, z=tops[-1], layers=layers, tops=tops)
+    pressure = pore_pressure_of(r_u, table=False, z=tops[-1], layers=layers, tops=tops, gravity=gravity)
     return None if pressure is None else np.repeat(pressure, levels)
 
 
@@ -149,7 +155,7 @@ def water_raster(water: float | Raster | None, walls: tuple[tuple[float, float],
     return part
 
 
-def water_surface(table: Raster, height: float, dtype: DTypeLike) -> WaterSurface:
-    """The water table in 3D, from its heights on a raster, with the height of the particles' boxes (m)."""
-    numbers = table.heights, table.corner, table.step, WATER_WEIGHT, height
+def water_surface(table: Raster, height: float, dtype: DTypeLike, gravity: float) -> WaterSurface:
+    """The water table in 3D under gravity (m/s2), from heights on a raster, with the height of particles' boxes (m)."""
+    numbers = table.heights, table.corner, table.step, WATER_WEIGHT * gravity / STANDARD_GRAVITY, height
     return WaterSurface(*(jnp.asarray(value, dtype) for value in numbers))

@@ -284,7 +284,7 @@ def section(
     outline = shape.outline()
     tops = layering(outline, layers, discretisation)
     grid = box_grid(shape.corner, cells, discretisation.cell)
-    table = water_table(outline, water, discretisation)
+    table = water_table(outline, water, discretisation, gravity)
     bedrock = None if outline.bedrock is None else outline.floor
     if bedrock is not None and ends in ("tied", "free field"):
         raise ValueError(f"ends = {ends!r} with bedrock, whose level would have to be that of the base: leave it out")
@@ -298,7 +298,7 @@ def section(
     upright = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
     warn_of_seams(layers, shape.thicknesses(layers), discretisation.cell)
     x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *outline.walls)
-    pressure = pressure_on_base(r_u, layers, [top(x) for top in tops], grid.shape[1])
+    pressure = pressure_on_base(r_u, layers, [top(x) for top in tops], grid.shape[1], gravity)
     rigid = boundary_of_base(grid, bedrock, shape.interface, pressure)
     x, z = np.asarray(particles.position, float)
     built, state = build(
@@ -314,7 +314,7 @@ def section(
         loads=Loads(
             gravity=(shape.downhill * along, down),
             water=table,
-            pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, [top(x) for top in tops]),
+            pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, [top(x) for top in tops], gravity),
             motion=motion,
         ),
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,

@@ -331,7 +331,7 @@ def terrain(
     refuse_thin(x, y, tops, spacing)
     warn_of_seams(layers, thicknesses_of(layers, tops), discretisation.cell)
     x_plan, y_plan = (at.ravel() for at in nodes_in_plan(grid, shape.walls))
-    pressure = pressure_on_base(r_u, layers, shape.tops(layers, x_plan, y_plan), grid.shape[-1])
+    pressure = pressure_on_base(r_u, layers, shape.tops(layers, x_plan, y_plan), grid.shape[-1], gravity)
     rigid = boundary_of_base(grid, bedrock, shape.interface, pressure, cut=shape.beyond(grid))
     built, state = build(
         replace(particles, mass=particles.volume * density),
@@ -342,8 +342,8 @@ def terrain(
         loads=Loads(
             gravity=acceleration,
             motion=motion,
-            water=None if table is None else water_surface(table, spacing, particles.mass.dtype),
-            pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops),
+            water=None if table is None else water_surface(table, spacing, particles.mass.dtype, gravity),
+            pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops, gravity),
         ),
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
     )

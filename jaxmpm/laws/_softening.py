@@ -53,7 +53,8 @@ class Softening:
     def flow(self, peak: Array, g: Array, trial: Array, shear: Array) -> Array:
         """Increment dg that solves trial - shear dg = S(g + dg), of either sign where the trial does not yield.
 
-        Where the sloping branch would end below the residual strength, the flat one gives more flow.
+        Where the sloping branch would end below the residual strength, the flat one gives more flow. Where strength
+        falls faster than the soil unloads, as a rate effect may have it, it falls to the flat one at once.
 
         Args:
             peak: strength S_0 (Pa).
@@ -64,9 +65,10 @@ class Softening:
         Returns:
             Increment dg.
         """
-        sloping = (trial - self.strength(peak, g)) / (shear - self.modulus)
+        stable = shear > self.modulus
+        sloping = (trial - self.strength(peak, g)) / jnp.where(stable, shear - self.modulus, 1.0)
         flat = (trial - self.residual_ratio * peak) / shear
-        return jnp.minimum(sloping, flat)
+        return jnp.where(stable, jnp.minimum(sloping, flat), flat)
 
     def steepest(self, peak: Array) -> Array:
         """Largest loss of strength per unit of g (Pa)."""

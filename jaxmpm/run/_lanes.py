@@ -32,14 +32,19 @@ def lanes(scene: Scene, **values: Array) -> tuple[Scene, Scene]:
         Scene, and axes: a scene with 0 at leaves that have lanes first, None at the others.
 
     Raises:
-        ValueError: If a name is unknown, a shape is different, or a value is beyond its limit; the lane is its first
-            index.
+        ValueError: If a name is unknown or one of stiffness, a shape is different, or a value is beyond its limit; the
+            lane is its first index.
     """
     unknown = set(values) - set(parameter_names(scene))
     if unknown or not values:
         raise ValueError(
             f"{sorted(unknown)} is no parameter of {type(scene.material).__name__}: "
             f"use one of {sorted(parameter_names(scene))}"
+        )
+    if stiff := sorted({"bulk", "shear"} & values.keys()):
+        raise ValueError(
+            f"{' and '.join(stiff)} of lanes: time step and initial stress go with the stiffness, give it to "
+            "`solve_each` or `with_soil`"
         )
     first = {name: jax.tree.leaves(value)[0] for name, value in values.items()}
     count = {np.shape(leaf)[:1] for leaf in first.values()}

@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 from foundation import check
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.protocols import Material
-from jaxmpm.setup._initial_stress import at_rest
+from jaxmpm.setup._initial_stress import at_rest, overburden
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._scene import unstressed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
@@ -144,6 +144,8 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     if "unit_weight" in given:
         mass = given["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
         varied = replace(varied, particles=replace(scene.particles, mass=mass))
+        if scene.pore_pressure is not None:
+            varied = replace(varied, pore_pressure=scene.pore_pressure * _heavier(scene, varied))
     if WATER_LEVEL in given:
         assert scene.water is not None
         assert hasattr(scene.water, "at_level")
@@ -160,6 +162,17 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     if not np.any(np.asarray(state.stress)):
         return varied, state
     return varied, replace(state, stress=at_rest(varied).stress)
+
+
+def _heavier(scene: Scene, varied: Scene) -> Array:
+    """Weight above each particle (N,) of a scene with r_u and other weights, over that before."""
+    if scene.wall_pressure is not None:
+        raise ValueError(
+            "unit_weight varies where r_u presses on an interface too, whose pressure stays: leave out one of them"
+        )
+    before, after = (overburden(replace(each, pore_pressure=None)) for each in (scene, varied))
+    ratio = np.divide(after, before, out=np.ones_like(before), where=before != 0)
+    return jnp.asarray(ratio, scene.particles.mass.dtype)
 
 
 def _material(material: Material, given: Mapping[str, Array]) -> Material:

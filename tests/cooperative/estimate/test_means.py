@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.statistics import estimators_means as means
-from cooperative.estimate import mean_interval
+from cooperative.estimate import mean_interval, mean_of, monte_carlo
 
 positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_size=3, max_size=30).map(np.array)
 
@@ -33,6 +33,14 @@ def test_equal_weights_give_the_jackknifes_variance():
     # Student's t of some twenty degrees of freedom.
     quantile = np.log(high / low) / 2 * values.mean() / np.sqrt(jackknife * 40 / 39)
     assert 2.02 < quantile < 2.3
+
+
+@pytest.mark.parametrize("failures", [6, 12])
+def test_a_loss_that_every_slide_brings_has_no_narrower_limits_than_p_f(failures):
+    estimate = monte_carlo(np.arange(12) < failures)
+    loss = mean_of(estimate, np.ones(failures), np.full(failures, 1000.0))
+    assert float(loss.value) == pytest.approx(1000 * estimate.probability)
+    assert float(loss.low) <= 1000 * estimate.interval[0] + 1e-9
 
 
 def test_too_few_values_and_equal_ones():

@@ -204,3 +204,12 @@ def test_soil_that_tears_is_drawn_torn():
 def test_severity_of_a_section_leaves_out_the_areas_that_it_has_none_of():
     figure = charts.severity(dict.fromkeys(("depth", "area"), SEVERITY), {"depth": "H"})
     assert [ax.get_xlabel() for ax in figure.axes] == ["H"]
+
+
+def test_slides_that_leave_their_section_are_measured_whole():
+    """Of a slide across the section, which shows its vertical part alone."""
+    across = np.stack([0 * X, 3 + 0 * X, -4 + 0 * X])
+    figure = plots.slide((POSITION, HALF), "friction", 30 + X / 8, across[None], [2.0])
+    assert [ax.get_title(loc="left") for ax in figure.axes][1] == "t = 2 s, moved up to 5 m"
+    figure = plots.before_and_after(POSITION, across, Z / 8, HALF)
+    assert figure.axes[1].get_title(loc="left") == "after, largest displacement 5 m"

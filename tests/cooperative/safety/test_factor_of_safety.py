@@ -95,6 +95,20 @@ def test_a_raised_pool_carries_and_an_earthquake_drives(monkeypatch):
     assert answers["water"].loads == ("water +2 m",)
 
 
+@pytest.mark.parametrize("conditions", [{}, {"water": 6.0}, {"r_u": 0.2}, {"k_h": 0.1, "k_v": 0.1}])
+def test_under_other_gravity_all_weights_are_in_proportion(conditions):
+    shape, circle = mpm.Section([(0, 10), (20, 10), (36, 4), (56, 4)]), safety.Circle(30.0, 20.0, 18.0)
+
+    def factor(strength, gravity):
+        layers = [mpm.Layer(mpm.FrictionalSoil(strength * 10e3, 25.0))]
+        slip = safety.Slices.of(shape, layers, **conditions, gravity=gravity * 9.81).slip(circle)
+        assert slip is not None
+        return slip.factor
+
+    assert factor(2.0, 2.0) == pytest.approx(factor(1.0, 1.0), rel=1e-6)
+    assert factor(1.0, 2.0) < 0.95 * factor(1.0, 1.0)
+
+
 def test_steep_clay_has_the_factor_of_its_moments():
     # Taylor (1937): at 45 degrees over a foundation of a quarter of the height, c / (gamma H F) is 0.17.
     shape = mpm.Section([(0, 10), (8, 10), (16, 2), (32, 2)])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cooperative.scene import begin, parse, read_scene, remarks
+from cooperative.scene._region import shift_of
 
 ORIGIN = (689000.0, 5334000.0)
 
@@ -53,6 +54,26 @@ def test_the_origin_is_subtracted_once_and_what_no_cell_divides_is_cut(scene):
     grid = path.with_name("terrain.asc")
     grid.write_text(grid.read_text().replace(str(ORIGIN[0]), "0").replace(str(ORIGIN[1]), "0"))
     assert read(path, text)[1].site.shape.surface.corner == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("corner", "size", "origin", "shift"),
+    [
+        ((1000.0, 2000.0), 60.0, (1000.0, 2000.0), (1000.0, 2000.0)),  # a site's own grid
+        ((340000.0, 90000.0), 10000.0, (340000.0, 90000.0), (340000.0, 90000.0)),  # a large tile
+        ((0.0, 0.0), 60.0, (1000.0, 2000.0), (0.0, 0.0)),
+        ((-5000.0, -5000.0), 10000.0, (340000.0, 90000.0), (0.0, 0.0)),
+        ((20.0, 30.0), 60.0, (0.0, 0.0), (0.0, 0.0)),
+        ((100.0, 0.0), 200.0, (100.0, 0.0), None),  # from either
+    ],
+)
+def test_an_origin_is_subtracted_from_what_lies_nearer_to_it_than_to_zero(corner, size, origin, shift):
+    points = np.array(corner) + size * np.array([[0.0, 0.0], [1.0, 1.0]])
+    if shift is not None:
+        assert shift_of(origin, points).tolist() == list(shift)
+        return
+    with pytest.raises(ValueError, match="it is not clear whether the origin is to be subtracted: give an origin at"):
+        shift_of(origin, points)
 
 
 def test_a_national_grid_without_an_origin_is_refused_with_one(scene):

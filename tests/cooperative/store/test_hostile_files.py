@@ -103,7 +103,7 @@ def test_a_lock_or_a_scene_that_is_no_file_is_refused(tmp_path):
 def test_a_left_over_part_that_is_a_link_is_not_written_through(tmp_path):
     bait = tmp_path / "bait"
     bait.write_text("precious")
-    (tmp_path / ".summary.json.part").symlink_to(bait)
+    (tmp_path / f".summary.json.{os.getpid()}.part").symlink_to(bait)
     write_aside(tmp_path / "summary.json", b"new")
     assert bait.read_text() == "precious"
     assert (tmp_path / "summary.json").read_bytes() == b"new"

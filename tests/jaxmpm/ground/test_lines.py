@@ -106,6 +106,12 @@ def test_damaged_drawings_are_named(tmp_path):
         mpm.read_line(tmp_path / "a.csv", "A")
 
 
+def test_a_mistyped_number_in_the_first_row_is_no_heading(tmp_path):
+    (tmp_path / "a.csv").write_text("O,14\n12,14\n36,6\n")
+    with pytest.raises(ValueError, match=r"a\.csv, line 1 is 'O,14': give x and z, two numbers"):
+        mpm.read_line(tmp_path / "a.csv")
+
+
 def test_what_reads_drawings_is_asked_for_where_it_lacks(tmp_path, monkeypatch):
     path = drawing(tmp_path / "a.dxf", ("A", GROUND))
     monkeypatch.setitem(sys.modules, "ezdxf", None)

@@ -67,6 +67,12 @@ def test_what_lies_beyond_the_walls_changes_nothing():
     assert np.array_equal(one.particles.position, other.particles.position)
 
 
+def test_a_point_drawn_twice_changes_nothing():
+    drawn = [(0.0, 14.0), (20.0, 14.0), (36.0, 6.0), (84.0, 6.0)]
+    twice = [drawn[0], drawn[1], drawn[1], drawn[2], drawn[2], drawn[3]]
+    assert mpm.Section(twice, toe=36.0).face == mpm.Section(drawn, toe=36.0).face is not None
+
+
 def test_each_end_is_held_as_asked():
     """Level ground that gets its weight at once hangs on a fixed end, and comes down along a roller."""
     level, fallen = mpm.Section([(0, 6), (20, 6)]), {}

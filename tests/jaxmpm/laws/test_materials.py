@@ -46,6 +46,22 @@ def test_simple_shear_ends_at_the_residual_strength():
 
 
 @pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("steepness", [0.5, 0.7, 0.95])
+def test_strength_that_falls_faster_than_its_rate_allows_falls_to_the_residual(steepness):
+    effect = mpm.laws.RateEffect(0.1, 3e-6)
+    soft = mpm.laws.Softening(jnp.asarray(steepness * G), jnp.asarray(RATIO))
+    law = mpm.laws.J2(jnp.asarray(K), jnp.asarray(G), jnp.asarray(S0), soft, None, effect)
+    stress, history, dt = (jnp.zeros(()),) * 6, jnp.zeros(()), 1e-3  # at a rate of 1 1/s, which counts 1.55 times
+    reached = []
+    for _ in range(400):
+        stress, history = law.update((0.0, 0.0, 0.0, 0.0, 0.0, dt / 2), stress, history, dt)
+        reached.append(float(stress[5]))
+    factor = 1 + 0.1 * np.log10(1 / 3e-6)
+    assert S0 < max(reached) <= factor * S0 * (1 + 1e-9)
+    assert np.isclose(reached[-1], RATIO * factor * S0, rtol=1e-6)
+
+
+@pytest.mark.usefixtures("x64")
 def test_plane_strain_compression_yields_at_tresca():
     # Plane strain at constant volume: half the difference of the in-plane stresses is the undrained strength.
     law = soil(softening=False)

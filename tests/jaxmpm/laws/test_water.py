@@ -49,6 +49,35 @@ def test_r_u_is_the_share_of_the_weight_that_water_bears():
     assert np.allclose(pressure[interior], 0.75 * 18e3 * (8 - z[interior]), rtol=5e-3)
 
 
+@pytest.mark.parametrize("water", [{"water": 6.0}, {"r_u": 0.25}])
+def test_water_weighs_as_the_soil_does_under_any_gravity(water):
+    _, pressure = vertical(LEVEL, **water)
+    for share in (0.4, 50.0):
+        assert np.allclose(vertical(LEVEL, gravity=share * 9.81, **water)[1], share * pressure, rtol=1e-3)
+
+
+def test_r_u_goes_with_a_weight_that_varies():
+    built = mpm.section(LEVEL, replace(SAND, unit_weight=25e3), HALVES, r_u=0.4)
+    scene, state = mpm.with_soil(*mpm.section(LEVEL, SAND, HALVES, r_u=0.4), unit_weight=25e3)
+    assert np.allclose(scene.pore_pressure, built[0].pore_pressure, rtol=1e-5)
+    assert np.allclose(state.stress, built[1].stress, rtol=1e-3, atol=10)
+    on_joint = mpm.Section(LEVEL.surface, interface=mpm.Interface(20.0))
+    with pytest.raises(ValueError, match="unit_weight varies where r_u presses on an interface"):
+        mpm.with_soil(*mpm.section(on_joint, SAND, HALVES, r_u=0.4), unit_weight=25e3)
+
+
+def test_the_pressure_of_r_u_does_no_work_without_bound():
+    """Sand that its pore pressure has torn apart, without gravity and walls."""
+    block = mpm.Section([(0, 4), (4, 4)])
+    scene, state = mpm.section(block, replace(SAND, cohesion=1e3), replace(HALVES, air=8.0), r_u=0.5, at_rest=False)
+    pressure = jnp.full_like(scene.pore_pressure, 20e3)
+    scene = replace(scene, pore_pressure=pressure, gravity=0 * scene.gravity)
+    final = mpm.solve(scene, state, t_end=1.0).raise_if_failed().state
+    volume = float(jnp.sum(scene.particles.volume))
+    assert float(final.volume_ratio.max()) > 1.05
+    assert float(mpm.diagnostics.kinetic_energy(scene, final)) < 20e3 * 0.1 * volume
+
+
 def test_a_pool_loads_the_face_so_that_a_slope_under_it_is_one_of_buoyant_soil():
     # In total stress the pool presses on face and toe; in effective stress nothing but the buoyant weight is left.
     (_, low), (_, high) = (mpm.section(HILL, SAND, HALVES, water=level) for level in (7.0, 40.0))

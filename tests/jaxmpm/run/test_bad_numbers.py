@@ -179,7 +179,7 @@ REFUSED = [
     ("lanes' shape", lambda s, t: mpm.run.lanes(s, strength=np.full((2, 3), 9e3)), "a lane of strength has shape"),
     (
         "lanes' count",
-        lambda s, t: mpm.run.lanes(s, strength=np.full(2, 9e3), bulk=np.full(3, 1e7)),
+        lambda s, t: mpm.run.lanes(s, strength=np.full(2, 9e3), tension_cutoff=np.full(3, 1.0)),
         "as many for every",
     ),
     ("reduction", lambda s, t: mpm.reduced(s, NAN), "factor = nan"),
