@@ -248,14 +248,15 @@ def speed(scene: Scene, state: State) -> Array:
 def unbalanced_force(scene: Scene, state: State) -> Array:
     """Norm of the net force on the free nodes over that of their load.
 
-    The load is gravity, body force, water and the motion of the base.
+    The load is gravity, body force, water and the motion of the base. What walls with friction, an interface and a free
+    field bear does not count, so that soil on these has a ratio above 0 at rest.
 
     Args:
         scene: of the state.
         state: of one lane.
 
     Returns:
-        () ratio, 0 in equilibrium.
+        () ratio, 0 in equilibrium on walls and bases without friction.
 
     Raises:
         ValueError: If the state is not of one lane of this scene.

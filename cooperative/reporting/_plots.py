@@ -138,8 +138,7 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
         section: before.
         name: of the soil's parameter, and its values (N,), SI units or degrees.
         field: of the soil's parameter, and its values (N,), SI units or degrees.
-        displacement: (T, d, N) m at the T times (s), also across the section in 3D; colour shows how far a particle has
-            moved by then.
+        displacement: (T, d, N) m at the T times (s), across the section too; colour shows how far a particle has moved.
         times: of the displacements (s).
     """
     position, half = section

@@ -165,11 +165,11 @@ class RandomField:
                     f"{where} boreholes hold {list(row)}: give {len(self.length) + 1} numbers, the position and the "
                     "value"
                 )
-        places = [row[:-1] for row in self.boreholes or ()]
-        twice = [place for place in places if places.count(place) > 1]
+        points = [row[:-1] for row in self.boreholes or ()]
+        twice = [point for point in points if points.count(point) > 1]
         if twice and not self.borehole_error:
             raise ValueError(
-                f"{where} boreholes hold {places.count(twice[0])} values at {list(twice[0])} m and no error: give "
+                f"{where} boreholes hold {points.count(twice[0])} values at {list(twice[0])} m and no error: give "
                 "borehole_error, or one value there"
             )
 

@@ -45,7 +45,7 @@ def test_without_the_package_the_extra_is_named(monkeypatch):
 @pytest.mark.slow
 def test_spencer_finds_the_published_factor(monkeypatch, tmp_path):
     pytest.importorskip("xslope.slice")
-    kept = limit_equilibrium.INPUTS
+    stored = limit_equilibrium.INPUTS
     monkeypatch.setattr(limit_equilibrium, "INPUTS", tmp_path / "inputs")
     report = limit_equilibrium.run(quick=True)
     [row] = report.rows
@@ -54,4 +54,4 @@ def test_spencer_finds_the_published_factor(monkeypatch, tmp_path):
     assert report.draw is not None
     report.draw(tmp_path)
     [given] = (tmp_path / "inputs").glob("*.json")
-    assert given.read_text() == (kept / given.name).read_text()
+    assert given.read_text() == (stored / given.name).read_text()

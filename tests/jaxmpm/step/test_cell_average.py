@@ -16,7 +16,7 @@ from jaxmpm.diagnostics import elastic_energy, kinetic_energy, potential_energy,
 from jaxmpm.equations import Maps, acting_stress, update_stress
 from jaxmpm.grid import Grid
 from jaxmpm.laws import frictional
-from jaxmpm.transfer import cell_sums, native_available, within_cells
+from jaxmpm.transfer import cell_sums, filtered, native_available, within_cells
 from tests.differences import check_run
 
 SHAPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
@@ -244,3 +244,13 @@ def test_a_heap_at_rest_bears_its_weight(aspect):
     scene, state = collapse(aspect, 8)
     pressure, volume = -np.mean(np.asarray(state.stress[:3]), axis=0), np.asarray(scene.particles.volume)
     assert volume[pressure < 1e-3 * WEIGHT * aspect].sum() < 0.03 * volume.sum()
+
+
+@pytest.mark.parametrize("passes", [1, 3, 6])
+def test_a_filter_loses_what_leaves_the_grid_and_brings_nothing_round(passes):
+    sums = np.random.default_rng(4).random((5, 7))
+    along, across = (
+        np.linalg.matrix_power(0.5 * np.eye(n) + 0.25 * (np.eye(n, k=1) + np.eye(n, k=-1)), passes) for n in sums.shape
+    )
+    got = filtered(Grid(sums.shape, 1.0, (0.0, 0.0)), jnp.asarray(sums.reshape(-1, 1)), passes)
+    np.testing.assert_allclose(got.reshape(sums.shape), along @ sums @ across, rtol=1e-5)

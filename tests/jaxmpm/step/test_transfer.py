@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from jaxmpm.grid import Grid
-from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, filtered, native
+from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native
 from jaxmpm.transfer import _transfers as transfer
 from jaxmpm.types import Engine
 
@@ -342,13 +342,3 @@ def test_errors_name_the_value_and_the_remedy():
     half = position.astype(jnp.float16)
     with pytest.raises(ValueError, match=r"Engine\.NATIVE"):
         p2g(grid, Linear(), half, None, stress.astype(jnp.float16), engine=Engine.NATIVE)
-
-
-@pytest.mark.parametrize("passes", [1, 3, 6])
-def test_a_filter_loses_what_leaves_the_grid_and_brings_nothing_round(passes):
-    sums = np.random.default_rng(4).random((5, 7))
-    along, across = (
-        np.linalg.matrix_power(0.5 * np.eye(n) + 0.25 * (np.eye(n, k=1) + np.eye(n, k=-1)), passes) for n in sums.shape
-    )
-    got = filtered(Grid(sums.shape, 1.0, (0.0, 0.0)), jnp.asarray(sums.reshape(-1, 1)), passes)
-    np.testing.assert_allclose(got.reshape(sums.shape), along @ sums @ across, rtol=1e-5)
