@@ -136,7 +136,8 @@ def solve(
     if t_end < dt * (1 - 1e-6):
         raise ValueError(f"t_end = {t_end:g} s is below the time step of {dt:g} s: give that or more")
     total = steps_until(t_end, dt)
-    wanted = {steps_until(t, dt): t for t in sorted(snapshots)}
+    times = tuple(sorted(snapshots))
+    wanted = [steps_until(t, dt) for t in times]
     rule = settle or Settle()
     look_every = max(1, round(rule.every / dt))
     looks = settle is not None or stop_at is not None
@@ -163,7 +164,7 @@ def solve(
     return Result(
         state=replace(state, status=final),
         time_step=scene.time_step,
-        times=tuple(wanted.values()),
+        times=times,
         snapshots=tuple(stored.get(n, last) for n in wanted),
     )
 

@@ -143,7 +143,7 @@ def block(
     d, cell = len(size), discretisation.cell
     check_discretisation(discretisation, d)
     zero = (0.0,) * d
-    velocity, gravity = velocity or zero, gravity or zero
+    velocity, gravity = (zero if each is None else each for each in (velocity, gravity))
     for name, values in (("domain", domain), ("corner", corner), ("velocity", velocity), ("gravity", gravity)):
         check.axes(name, values, d)
     check.positive("size", size, "m")

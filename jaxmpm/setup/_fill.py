@@ -47,7 +47,8 @@ def fill(
     for a in range(d):
         check.multiple(f"extent[{a}]", extent[a], f"spacing[{a}]", spacing[a])
     check.positive("unit_weight", unit_weight, "N/m3")
-    check.axes("corner", corner or (0.0,) * d, d)
+    corner = (0.0,) * d if corner is None else corner
+    check.axes("corner", corner, d)
     axes = [(np.arange(round(e / s)) + 0.5) * s for e, s in zip(extent, spacing, strict=True)]
     position = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")])
     if inside is not None:
@@ -58,7 +59,7 @@ def fill(
                 f"for each of {position.shape[1]} particles, some of them true"
             )
         position = position[:, mask]
-    position = position + np.asarray(corner or (0.0,) * d, float)[:, None]
+    position = position + np.asarray(corner, float)[:, None]
     volume = float(np.prod(spacing))
     return Particles(
         position=jnp.asarray(position, dtype),

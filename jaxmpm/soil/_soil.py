@@ -225,6 +225,9 @@ class FrictionalSoil:
 
     def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> FrictionalSoftening | None:
         if self.softening_strain is None:
+            for name in ("residual_cohesion", "residual_friction"):
+                if getattr(self, name):
+                    raise ValueError(f"{name} has no effect without softening_strain: give it, or leave {name} out")
             return None
         check.between("residual_cohesion", self.residual_cohesion, 0.0, self.cohesion, ends=True)
         check.between("residual_friction", self.residual_friction, 0.0, self.friction, ends=True)

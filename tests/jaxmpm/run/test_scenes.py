@@ -97,6 +97,10 @@ def test_snapshots_are_of_the_times_asked_for():
     dt = float(scene.time_step)
     assert [abs(int(s.step) * dt - t) <= dt for s, t in zip(result.snapshots, result.times, strict=True)] == [True] * 3
     assert np.array_equal(result.snapshots[2].displacement, result.state.displacement)
+    # Times within a step have a snapshot each.
+    result = mpm.solve(scene, state, t_end=0.2, snapshots=(0.2, 0.1, 0.1 + 1e-6))
+    assert result.times == (0.1, 0.1 + 1e-6, 0.2)
+    assert len(result.snapshots) == 3
 
 
 SLOPE = mpm.Slope()

@@ -130,6 +130,7 @@ def test_bad_cures_are_refused(soil, numerics, message):
         ({"dilation": 40.0}, "dilation = 40"),
         ({"cohesion": 0.0, "friction": 0.0}, "give at least one"),
         ({"softening_strain": 0.1, "residual_cohesion": 2e4}, "residual_cohesion = 20000"),
+        ({"residual_friction": 8.0}, "residual_friction has no effect without softening_strain"),
         ({"criterion": mpm.laws.J2}, "give MohrCoulomb or DruckerPrager"),
     ],
 )
