@@ -7,13 +7,19 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from cooperative.scene import toml_value
 from cooperative.site._estimate import SiteEstimate
 from cooperative.soundings import SiteError
+from foundation import check
 from jaxmpm import Raster, read_raster
 
 MOST_CELLS = 48
 """Cells of the refined grid along the longer side of a first look."""
+
+APART = 2.0
+"""Difference (m) between the top of a sounding and the ground there from which on their datums are in doubt."""
 
 
 def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str]:
@@ -57,6 +63,7 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
 
 
 def _check_inside(site: SiteEstimate, surface: Path, raster: Raster) -> None:
+    """Raise SiteError for a sounding beside the raster, and warn of one that begins well above or below the ground."""
     for each in site.soundings:
         for axis, at, (low, high) in zip("xy", (each.x, each.y), raster.ends, strict=True):
             if not low <= at <= high:
@@ -64,6 +71,12 @@ def _check_inside(site: SiteEstimate, surface: Path, raster: Raster) -> None:
                     f"{each.file}: sounding {each.name!r} lies at {axis} = {at:.10g} m, and {surface} reaches from "
                     f"{low:.10g} to {high:.10g} m: give files of the same projection, or leave it out"
                 )
+        ground = float(raster.at(np.array([each.x]), np.array([each.y]))[0])
+        if abs(each.top - ground) > APART:
+            check.warn(
+                f"{each.file}: sounding {each.name!r} begins at {each.top:g} m, and {surface} has the ground at "
+                f"{ground:g} m there: correct one of them, if they do not count from one datum"
+            )
 
 
 def _round_number(size: float) -> float:

@@ -213,6 +213,11 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
     beside = estimate_site([tmp_path / "cpt.csv"], Assumed(n_kt=(14.0, 0.0)), boundaries=[])
     with pytest.raises(ValueError, match=r"lies at x = 99 m, and .*hill.asc reaches from 1 to 33 m"):
         write_site(beside, tmp_path / "other", raster)
+    text = (tmp_path / "cpt.csv").read_text().replace("\n99,8,3,", "\n12,8,13,")
+    (tmp_path / "above.csv").write_text(text)
+    above = estimate_site([tmp_path / "above.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])
+    with pytest.warns(UserWarning, match=r"begins at 13 m, and .*hill.asc has the ground at 2\.\S+ m there: correct"):
+        write_site(above, tmp_path / "above", raster)
 
 
 def test_what_is_not_used_of_a_file_is_stated(tmp_path):
