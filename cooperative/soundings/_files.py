@@ -41,7 +41,7 @@ PARAMETERS = {
 """Columns of laboratory values: the parameter of a scene's soil, its quantity, and names."""
 _COLUMNS = CONE | POSITION | PARAMETERS
 _COMMA = re.compile(r"(?<=\d),(?=\d+\s*$)|(?<=\d),(?=\d+[eE][-+]?\d+\s*$)")
-"""The decimal comma of a number, in files whose columns are not parted by commas."""
+"""The decimal comma of a number, in files whose columns are parted by semicolons."""
 _HEADER = re.compile(r"\s*([^\[(]*?)\s*(?:[\[(]([^\])]*)[\])])?\s*")
 
 
@@ -228,7 +228,7 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     delimiter = max(",;\t", key=lines[0].count) if lines else ","
     rows = [row for row in csv.reader(lines, delimiter=delimiter) if any(cell.strip() for cell in row)]
-    if delimiter != ",":
+    if delimiter == ";":
         rows = [rows[0], *([_COMMA.sub(".", cell) for cell in row] for row in rows[1:])]
     if len(rows) < 2:
         raise SiteError(f"{path} has no rows below its header: give one row for each reading")

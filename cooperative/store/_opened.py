@@ -68,6 +68,8 @@ def open_store(
             files.claimed_folder(directory)
             for leftover in directory.glob(".*.part"):
                 leftover.unlink()
+        for leftover in (*folder.glob(".*.part"), *folder.glob("figures/.*.part")):
+            leftover.unlink(missing_ok=True)
         # An index that is a folder is set aside when it is read.
         for index in (folder / "samples").glob("*.index") if verify else ():
             if not index.is_dir():
