@@ -78,7 +78,7 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     if external is not None:
         carried.append(external)
     if bonded(scene):
-        carried.insert(0, volume[None])
+        carried.insert(0, particles.volume[None])  # without the gaps of soil that has opened, which bear nothing
     nodal = maps.to_all_nodes(
         jnp.concatenate(carried), acting_stress(scene, state.stress, volume, maps) if stressed else None
     )

@@ -36,10 +36,9 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
         scene: to vary.
         state: at which it starts; it must not have moved if stiffness or weight change.
         **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
-        with
-            a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
-            below the water table), water_level (m, of a level table), wall_friction (coefficient of walls and a base
-            that have one, a number).
+            with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
+            below the water table), water_level (m, of a level table; soil keeps its weight, give a unit_weight too
+            where it is another below water), wall_friction (coefficient of walls and a base that have one, a number).
 
     Returns:
         Scene and state.

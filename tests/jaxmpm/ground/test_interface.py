@@ -40,6 +40,16 @@ def test_a_layer_without_end_slides_from_its_factor_of_safety_on(interface, k_h,
     assert np.isclose(slides, 0.5 * k_h * 9.81 * (1 - 1 / 1.25), rtol=0.01)
 
 
+@pytest.mark.parametrize("opened", [1.5, 3.0])
+def test_soil_that_has_opened_has_the_cohesion_of_its_base_and_no_more(opened):
+    scene, state = layer(mpm.Interface(0.0, 8e3), 0.4)
+    loose = replace(state, volume_ratio=opened * state.volume_ratio, stress=state.stress / opened)
+    final = mpm.solve(scene, loose, t_end=0.3).raise_if_failed().state
+    speed = float(np.average(final.velocity[0], weights=scene.particles.mass))
+    held = 8e3 / (STIFF.unit_weight * HEIGHT / 9.81)
+    assert speed / (float(scene.time_step) * int(final.step)) == pytest.approx(0.4 * 9.81 - held, rel=0.01)
+
+
 @pytest.mark.parametrize(("friction", "cohesion"), [(0.0, 4e3), (0.2, 3e3)])
 def test_a_block_on_a_plane_is_held_back_by_the_cohesion_under_it(friction, cohesion):
     tilt, length, height = math.radians(30.0), 3.0, 1.0
