@@ -15,12 +15,15 @@ from jaxmpm.transfer._cells import cell_sums
 from jaxmpm.transfer._shape import locate
 from jaxmpm.types import Engine
 
+REACH = 4.0
+"""Nodes beyond the grid into which filters spread, in standard deviations of their weights."""
+
 
 def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
     """Nodal sums after binomial filters (1, 2, 1) / 4 along each axis.
 
-    Each filter adds cell^2 / 2 to the variance of a particle's weights. Sums at the grid's outermost nodes lose what
-    leaves the grid.
+    Each filter adds cell^2 / 2 to the variance of a particle's weights. What leaves the grid comes back on the same
+    side with later filters, as on a grid without end, and less than 1e-4 of it on the other.
 
     Args:
         grid: of the nodes.
@@ -31,16 +34,17 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
         (nodes, c).
     """
     field = nodal.reshape(*grid.shape, -1)
+    # One filter reaches the padding of the grid alone.
+    margin = 0 if passes < 2 else math.ceil(REACH * math.sqrt(passes / 2))
     for axis in range(grid.dimension if passes else 0):
 
         def smoothed(_: int, field: Array, axis: int = axis) -> Array:
-            edge = jnp.zeros_like(jax.lax.slice_in_dim(field, 0, 1, axis=axis))
-            before = jnp.concatenate([edge, jax.lax.slice_in_dim(field, 0, -1, axis=axis)], axis)
-            after = jnp.concatenate([jax.lax.slice_in_dim(field, 1, None, axis=axis), edge], axis)
-            return 0.5 * field + 0.25 * (before + after)
+            return 0.5 * field + 0.25 * (jnp.roll(field, 1, axis) + jnp.roll(field, -1, axis))
 
         # A loop: XLA would fuse unrolled filters, and each would recompute those before it at three nodes.
-        field = jax.lax.fori_loop(0, passes, smoothed, field)
+        beyond = [(0, margin if each == axis else 0) for each in range(field.ndim)]
+        field = jax.lax.fori_loop(0, passes, smoothed, jnp.pad(field, beyond) if margin else field)
+        field = jax.lax.slice_in_dim(field, 0, grid.shape[axis], axis=axis)
     return field.reshape(nodal.shape)
 
 
