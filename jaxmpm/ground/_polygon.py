@@ -51,9 +51,15 @@ def beyond_edge(
 ) -> np.ndarray:
     """Whether points at x and y (m), of any shape, lie outside a polygon, or nearer than `within` (m) to its edge.
 
-    An edge along a wall does not count: the wall is the constraint.
+    An edge along a wall does not count: the wall is the constraint. ValueError where this holds for all points.
     """
     (west, east), (south, north) = walls
     inner = shapely.box(west, south, east, north).buffer(-ROUNDING * min(east - west, north - south))
     edge = shapely.Polygon(polygon).exterior.intersection(inner)
-    return ~in_polygon(polygon, x, y) | (shapely.distance(edge, shapely.points(x, y)) < within)
+    beyond = ~in_polygon(polygon, x, y) | (shapely.distance(edge, shapely.points(x, y)) < within)
+    if beyond.all():
+        raise ValueError(
+            f"the fixed edge of the polygon holds all soil in it, which is no wider than cells of {2 * within:.3g} m: "
+            "draw it wider, or take smaller cells"
+        )
+    return beyond

@@ -62,6 +62,14 @@ def test_a_fixed_edge_holds_wherever_it_lies_within_a_cell(inset):
     assert float(mpm.diagnostics.largest_displacement(mpm.solve(scene, state, t_end=0.5).state)) < 1e-3
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.7])
+def test_a_fixed_edge_that_leaves_no_node_free_is_refused(shift):
+    narrow = ((2.0, 2.0 + shift), (14.0, 2.0 + shift), (14.0, 4.0 + shift), (2.0, 4.0 + shift))
+    with pytest.raises(ValueError, match="holds all soil in it, which is no wider than cells of 2 m: draw it wider"):
+        built(polygon=narrow)
+    built(polygon=narrow, cut="free")
+
+
 @pytest.mark.parametrize("depth", [2.0, 2.5, 3.0, 3.9])
 def test_a_cut_at_a_depth_holds_wherever_it_lies_within_a_cell(depth):
     level = mpm.Raster(np.full((9, 5), 8.0), (0.0, 0.0), 2.0)
