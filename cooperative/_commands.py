@@ -17,7 +17,7 @@ from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import draw, progress_of, report, watched, words, words_of_cost
-from cooperative.scene import begin, examples, parse, remarks, starters, write_example
+from cooperative.scene import Campaign, begin, campaigns_of, examples, parse, remarks, starters, write_example
 from cooperative.store import GRIDS, Source, read_store
 from foundation.extras import extra
 from foundation.text import printable
@@ -104,14 +104,23 @@ def check(given: argparse.Namespace) -> None:
     """Read a scene and say what it will cost on this machine, from a trial of ten seconds."""
     if not given.seconds > 0:
         raise ValueError(f"--seconds {given.seconds:g}: give more than 0")
-    scene = parse(given.scene)
-    runs.check_size(scene)
+    scene, *others = _campaigns(given.scene)
+    for each in (scene, *others):
+        runs.check_size(each)
     print("\n".join(map(printable, words_of_cost(scene, runs.cost_of(scene, given.seconds)))))
+
+
+def _campaigns(path: Path) -> list[Campaign]:
+    """The campaign of a scene; of a sweep all, and a line about the first one."""
+    found = campaigns_of(path)
+    if len(found) > 1:
+        print(f"{path} is a sweep of {len(found)} campaigns. This is its base; `jaxmpm sweep` runs all of them.")
+    return found
 
 
 def sketch(given: argparse.Namespace) -> None:
     """Draw a scene: ground, layers, water, walls, exposed places, and one random field on both grids."""
-    scene = parse(given.scene)
+    scene = _campaigns(given.scene)[0]
     suffixes = (".png", ".html") if scene.dimension == 3 and interactive.installed() else (".png",)
     paths = [given.out] if given.out else [given.scene.with_suffix(suffix) for suffix in suffixes]
     draw(scene, *paths, sample=given.sample)
@@ -122,7 +131,7 @@ def stability(given: argparse.Namespace) -> None:
     """Compute a slope's factor of safety, by limit equilibrium in seconds and by the solver's limit load."""
     from cooperative import safety  # which imports matplotlib
 
-    scene, start = parse(given.scene), time.perf_counter()
+    scene, start = _campaigns(given.scene)[0], time.perf_counter()
     folder = given.out or given.scene.with_name(f"{given.scene.stem}-fos")
 
     def announce(result: safety.Safety) -> None:

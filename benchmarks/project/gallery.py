@@ -20,8 +20,7 @@ from cooperative.folder import models_of
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import panels
 from cooperative.runs import coefficients_of, cost_of, ground_of, soil_of
-from cooperative.scene import Campaign, begin, parse, read_scene
-from cooperative.sweep import variants
+from cooperative.scene import Campaign, begin, campaigns_of
 from foundation.files import write_aside
 
 TRIAL = 10.0
@@ -110,8 +109,7 @@ def campaigns(name: str) -> list[Campaign]:
             # A terrain model is written beside it.
             path = Path(scratch) / "own.toml"
             begin(name.removeprefix("new/"), path)
-        source = read_scene(path)
-    return [parse(each.source) for each in variants(source)] if "sweep" in source.tables else [parse(source)]
+        return campaigns_of(path)
 
 
 def about(name: str) -> str:

@@ -26,7 +26,7 @@ from cooperative.scene._stored import (
     write_budget,
 )
 from cooperative.scene._typed import built, parse, read_scene
-from cooperative.scene._variants import BASE, RANKED, Variant, variants, with_measured_of_base
+from cooperative.scene._variants import BASE, RANKED, Variant, campaigns_of, variants, with_measured_of_base
 from cooperative.scene._varied import SCALES, SCENARIO, changed
 from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
 
@@ -57,6 +57,7 @@ __all__ = [
     "begin",
     "built",
     "campaign_of",
+    "campaigns_of",
     "changed",
     "example",
     "examples",

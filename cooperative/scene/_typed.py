@@ -61,7 +61,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     scene = tables.read(tables.Scene, source.tables, files=Files.of(source.tables.get("files")))
     if scene.sweep is not None or scene.scenario is not None:
         table = "[[scenario]]" if scene.sweep is None else "[sweep]"
-        raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it as a sweep")
+        raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it by `jaxmpm sweep`")
     scene = _as_begun(scene, source.begun)
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import kl
 from cooperative.estimate import Sampling
 from cooperative.scene import tables as known
+from cooperative.scene._campaign import Campaign
 from cooperative.scene._files import to_toml
 from cooperative.scene._stored import stored_measured
 from cooperative.scene._typed import parse, source_of
@@ -91,6 +92,21 @@ def variants(scene: Source | str | Path) -> list[Variant]:
         campaigns.append(variant(RANKED, *(("k_t", value) for value in sweep["k_t"]), campaign=plan))
     _refuse_alike(campaigns)
     return campaigns
+
+
+def campaigns_of(scene: Source | str | Path) -> list[Campaign]:
+    """The campaign of a scene, or all campaigns of a sweep, its base first.
+
+    Args:
+        scene: TOML text, or its file.
+
+    Raises:
+        ValueError: as `parse` and `variants`.
+    """
+    source = source_of(scene)
+    if "sweep" in source.tables or SCENARIO in source.tables:
+        return [parse(each.source) for each in variants(source)]
+    return [parse(source)]
 
 
 def _is_default(each: Varied, source: Source) -> bool:

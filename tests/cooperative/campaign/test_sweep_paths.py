@@ -9,6 +9,7 @@ from scipy.stats import norm
 from benchmarks.robustness import invented
 from benchmarks.robustness.invented import LAYERED
 from cooperative import sweep
+from cooperative.__main__ import main
 from cooperative.scene import parse, read_scene
 from cooperative.sweep import variants
 from tests.cooperative.scene.test_shaking_scenes import LEVEL, MOTION, RECORD, SCENE
@@ -34,6 +35,24 @@ def test_paths_lead_to_any_number_and_scenarios_to_any_key():
     short = variants(TINY + '[sweep]\n"soil.strength.mean" = [2e4]\n"run.strength_factor" = [0.8]\n')
     assert parse(short[1].source).random["strength"].mean == 2e4
     assert parse(short[2].source).run.strength_factor == 0.8
+
+
+def test_a_sweep_is_checked_and_drawn_by_its_base(tmp_path, capsys):
+    scene = tmp_path / "s.toml"
+    scene.write_text(TINY + '[sweep]\nlx = [4.0, 8.0]\n"run.strength_factor" = [0.8]\n')
+    count = len(variants(scene))
+    assert main(["check", str(scene), "--seconds", "0.01"]) == 0
+    printed = capsys.readouterr().out
+    assert f"a sweep of {count} campaigns" in printed
+    assert "hours of one core" in printed
+    assert main(["draw", str(scene), "--out", str(tmp_path / "s.png")]) == 0
+    assert (tmp_path / "s.png").exists()
+    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
+    assert "run it by `jaxmpm sweep`" in capsys.readouterr().err
+    # What one campaign of it refuses is refused before any of them runs.
+    scene.write_text(TINY + '[sweep]\n"run.strength_factor" = [0.8, -1.0]\n')
+    assert main(["check", str(scene), "--seconds", "0.01"]) == 2
+    assert "strength_factor = -1: give" in capsys.readouterr().err
 
 
 def test_records_are_crossed_with_their_scales_and_packed(tmp_path):
