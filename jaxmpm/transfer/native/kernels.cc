@@ -74,10 +74,28 @@ JAXMPM_INLINE void store(T* to, const Pack<T, W>& a) {
   __builtin_memcpy(to, &a.first, sizeof a.first);
   if constexpr (W > a.kFirst) store<T, W - a.kFirst>(to + a.kFirst, a.rest);
 }
+template <class V, class T, int W>
+JAXMPM_INLINE Pack<T, W> scaled(const V& all, const Pack<T, W>& a) {
+  if constexpr (W == 0) {
+    return {};
+  } else {
+    decltype(a.first) low;
+    __builtin_memcpy(&low, &all, sizeof low);
+    return {low * a.first, scaled(all, a.rest)};
+  }
+}
+// A load brings the number to all places of a vector. From a register it would take a port that products need.
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator*(T s, const Pack<T, W>& a) {
-  if constexpr (W == 0) return {};
-  else return {s * a.first, s * a.rest};
+  if constexpr (W == a.kFirst) {
+    return {s * a.first, {}};
+  } else {
+    decltype(a.first) all = s - decltype(a.first){};
+#if defined(__AVX512F__)
+    asm("" : "+v"(all));
+#endif
+    return scaled(all, a);
+  }
 }
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator+(const Pack<T, W>& a, const Pack<T, W>& b) {
@@ -361,7 +379,8 @@ template <class T, int W, int J>
 struct Kept {
   alignas(64) T sums[J][kBlock][W];
 
-  JAXMPM_MEMBER void keep(int p, const Jet<T, W, J>& r) {
+  template <int M>
+  JAXMPM_MEMBER void keep(int p, const Jet<T, W, M>& r) {
 #pragma GCC unroll 10
     for (int j = 0; j < J; ++j) store<T, W>(sums[j][p], r.d[j]);
   }
@@ -401,12 +420,18 @@ void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, 
       [&](int64_t block, int count) { kept.write_rows(plan, block, count, rows); });
 }
 
+// Numbers that a pack of `width` is added up to as vectors.
+constexpr int folded_width(int width) { return width < 4 ? width : 4; }
+
+// A pack whose numbers have the same sum.
 template <class T, int W>
-JAXMPM_INLINE T total(const Pack<T, W>& a) {
-  T of[W], sum = 0;
+JAXMPM_INLINE auto folded(const Pack<T, W>& a) {
+  constexpr int N = folded_width(W);
+  T of[W];
   store<T, W>(of, a);
-#pragma GCC unroll 8
-  for (int i = 0; i < W; ++i) sum += of[i];
+  auto sum = load<T, N>(of);
+#pragma GCC unroll 2
+  for (int i = N; i < W; i += N) sum = sum + load<T, N>(of + i);
   return sum;
 }
 
@@ -417,8 +442,9 @@ void contract(const Plan& plan, const T* position, const T* nodal, const void* c
               T* slope, T* gathered) {
   constexpr int J = jets(D, ORDER - 1);
   alignas(64) T coefficients[J][kBlock][W] = {};
-  alignas(64) T along[D][kBlock];
-  Kept<T, W, jets(D, ORDER)> kept;
+  constexpr int N = folded_width(W);
+  alignas(64) T along[D][kBlock][N] = {}, columns[D][kBlock];
+  Kept<T, W, J> kept;
   for_sums<T, D, W, ORDER, L>(
       plan, position, nodal, begin, end,
       [&](const Block& block) { fill_coefficients(plan, rows, block, coefficients); },
@@ -428,14 +454,19 @@ void contract(const Plan& plan, const T* position, const T* nodal, const void* c
           Pack<T, W> product = load<T, W>(coefficients[0][p]) * sums.d[derived<D>(0, axis)];
 #pragma GCC unroll 4
           for (int j = 1; j < J; ++j) product = product + load<T, W>(coefficients[j][p]) * sums.d[derived<D>(j, axis)];
-          along[axis][p] = total<T, W>(product);
+          store<T, N>(along[axis][p], folded(product));
         }
         if (gathered) kept.keep(p, sums);
       },
       [&](int64_t block, int count) {
         if (gathered) kept.write_rows(plan, block, count, gathered);
         for (int axis = 0; axis < D; ++axis) {
-          for (int p = 0; p < count; ++p) slope[axis * plan.particles + block + p] = along[axis][p];
+          for (int p = 0; p < kBlock; ++p) {
+            columns[axis][p] = along[axis][p][0];
+#pragma GCC unroll 3
+            for (int i = 1; i < N; ++i) columns[axis][p] += along[axis][p][i];
+          }
+          for (int p = 0; p < count; ++p) slope[axis * plan.particles + block + p] = columns[axis][p];
         }
       });
 }
