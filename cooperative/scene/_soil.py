@@ -166,16 +166,22 @@ def _soil_of_layer(
                     "it a table there too"
                 )
             continue
-        alike = (field.mean, field.cov, field.marginal) == tuple(
-            getattr(random[name], key) for key in ("mean", "cov", "marginal")
-        )
-        if not alike and not _of_its_own(layer, name) and (field.nataf or field.boreholes is not None):
+        together = scene.cross_correlation
+        correlated = together is not None and together.nataf and name in together.parameters
+        other = {key for key in SHAPE + TREND if getattr(field, key) != getattr(random[name], key)}
+        measured = field.boreholes is not None and other
+        if not _of_its_own(layer, name) and (measured or ((field.nataf or correlated) and other & {*SHAPE})):
             raise ValueError(
-                f"{name} has nataf or boreholes in [soil], which are of one distribution throughout: leave them out, "
-                "or give this layer no distribution of its own, or a field of its own by its length"
+                f"{name} has nataf or boreholes in [soil], or nataf in [cross_correlation], which are of one "
+                "distribution throughout: leave them out, or give this layer no distribution of its own, or a field of "
+                "its own by its length"
             )
     return own_soil, varying, tuple(name for name in varying if "length" in _of_its_own(layer, name))
 
+
+SHAPE = ("mean", "cov", "marginal", "lower", "upper")
+"""Of a random field: what makes its distribution."""
+TREND = ("trend", "trend_from")
 
 UNDRAINED, FRICTIONAL = "undrained", "frictional"
 

@@ -21,7 +21,7 @@ from kl.axis._covariance import (
 from kl.axis._fredholm import all_axis_modes
 from kl.axis._matrices import haar_transform
 from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes, leading, scaled_functions
-from kl.axis._resolution import resolved
+from kl.axis._resolution import check_resolves, resolved
 from kl.axis._solvers import ClosedForm, Constant, Haar, Legendre, Nystrom, Solver
 
 __all__ = [
@@ -48,6 +48,7 @@ __all__ = [
     "SquaredExponential",
     "Triangular",
     "all_axis_modes",
+    "check_resolves",
     "from_scale_of_fluctuation",
     "gaussian_correlation",
     "haar_transform",

@@ -15,6 +15,9 @@ from kl.axis._matrices import legendre_matrix, nystrom_matrix
 from kl.axis._solvers import ClosedForm, Constant, Haar, Legendre, Nystrom, Solver
 from kl.types import HostArray
 
+UNRESOLVED = 0.01
+"""Change of a share with the order, over the largest share, from which on an order does not resolve a length."""
+
 
 def default_solver(covariance: Covariance, extent: float) -> Solver:
     """The most accurate solver for a concrete `covariance` on an axis of `extent` metres."""
@@ -75,22 +78,61 @@ def resolved(solver: Solver | None, covariance: Covariance, extent: float, remai
     raise ValueError(f"solver = {solver!r} is none of Nystrom, Legendre, Haar, ClosedForm")
 
 
+def check_resolves(solver: Solver, covariance: Covariance, before: Covariance, extent: float) -> None:
+    """Check a solver that was fixed for one correlation length with a shorter one; traced lengths pass.
+
+    Args:
+        solver: with its order, level or count.
+        covariance: of this axis.
+        before: covariance of the same family that the solver was fixed for.
+        extent: length of the axis (m).
+
+    Raises:
+        ValueError: If the solver does not resolve the covariance.
+    """
+    if is_traced(covariance) or is_traced(before):
+        return
+    new, old = (float(getattr(getattr(each, "base", each), "length", math.inf)) for each in (covariance, before))
+    if not new < old:
+        return
+    remedy = "expand anew, with the shortest length that is to be tried"
+    if isinstance(covariance, Triangular) and isinstance(solver, ClosedForm):
+        require(new >= extent, f"triangular length = {new} has no closed form below the extent {extent}: {remedy}")
+    if isinstance(solver, Nystrom | Legendre) and solver.order is not None:
+        order = max(solver.order, min(solver.largest, _least_order(new, extent)))
+        fixed, fine = (_spectrum(solver, each, on_host(covariance), extent) for each in (solver.order, order))
+        leading = solver.order // 2 + 1
+        require(
+            float(np.max(np.abs(fine[:leading] - fixed[:leading]))) < UNRESOLVED * fine[0],
+            f"correlation length = {new} m takes order {order}, the expansion of length {old} m has {solver.order}: "
+            f"{remedy}",
+        )
+
+
+def _spectrum(solver: Nystrom | Legendre, order: int, covariance: Covariance, extent: float) -> HostArray:
+    """Shares of the variance by a solver of this order, largest first, for a covariance on the host."""
+    assemble = nystrom_matrix if isinstance(solver, Nystrom) else legendre_matrix
+    return np.asarray(np.linalg.eigvalsh(assemble(order, extent, covariance))[::-1], np.float64)
+
+
+def _least_order(length: float, extent: float) -> int:
+    """Points for a correlation length (m) on an axis (m).
+
+    A kernel of length l holds wavenumbers up to about 9 / l; Legendre needs two points in a wave.
+    """
+    return 8 + math.ceil(3.5 * extent / length)
+
+
 def _resolved_order(solver: Nystrom | Legendre, covariance: Covariance, extent: float, remainder: float) -> Solver:
     if is_traced(covariance):
         raise ValueError("the order cannot be chosen for a traced length: give the solver's order")
     host = on_host(covariance)
-    assemble = nystrom_matrix if isinstance(solver, Nystrom) else legendre_matrix
-
-    def spectrum(order: int) -> HostArray:
-        return np.asarray(np.linalg.eigvalsh(assemble(order, extent, host))[::-1], np.float64)
-
-    # A kernel of length l holds wavenumbers up to about 9 / l; Legendre needs two points in a wave.
     length = getattr(getattr(host, "base", host), "length", extent)
-    order = min(solver.largest, 8 + math.ceil(3.5 * extent / length))
-    coarse = spectrum(order)
+    order = min(solver.largest, _least_order(length, extent))
+    coarse = _spectrum(solver, order, host, extent)
     while True:
         finer = order + max(4, order // 4)
-        fine = spectrum(finer)
+        fine = _spectrum(solver, finer, host, extent)
         leading = order // 2 + 1
         change = float(np.max(np.abs(fine[:leading] - coarse[:leading])))
         converged = change <= solver.tolerance
@@ -99,7 +141,7 @@ def _resolved_order(solver: Nystrom | Legendre, covariance: Covariance, extent: 
             return replace(solver, order=order)
         if finer > solver.largest:
             require(
-                change < 0.01 * fine[0],
+                change < UNRESOLVED * fine[0],
                 f"{type(solver).__name__}: order {order} does not resolve the correlation length {length} m on an axis "
                 f"of {extent} m: give a length of {3.5 * extent / solver.largest:.2g} m or more, a higher `largest`, "
                 "or `exact_lattice`",

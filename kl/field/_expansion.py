@@ -25,7 +25,18 @@ from jax.typing import DTypeLike
 from foundation import check
 from foundation.check import is_traced, require
 from foundation.pytrees import pytree
-from kl.axis import AxisModes, Corrected, Covariance, Periodic, Solver, all_axis_modes, leading, length_leaves, resolved
+from kl.axis import (
+    AxisModes,
+    Corrected,
+    Covariance,
+    Periodic,
+    Solver,
+    all_axis_modes,
+    check_resolves,
+    leading,
+    length_leaves,
+    resolved,
+)
 from kl.field._bedding import Bedding, rotated_box
 from kl.field._selection import select
 from kl.types import HostArray
@@ -194,13 +205,14 @@ def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) ->
 
     Args:
         expansion: from `expand`.
-        covariance: d correlation functions of its families, whose lengths may be traced.
+        covariance: d correlation functions of its families, whose lengths may be traced. Traced lengths are to be no
+            shorter than the solvers resolve, which are those of the expansion.
 
     Returns:
         Expansion with this covariance.
 
     Raises:
-        ValueError: If a family differs, or a length is not above 0.
+        ValueError: If a family differs, a length is not above 0, or one is shorter than the solvers resolve.
     """
     families = [type(each).__name__ for each in expansion.covariance]
     given = [type(each).__name__ for each in covariance]
@@ -208,6 +220,10 @@ def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) ->
     for each in covariance:
         for length in length_leaves(each):
             check.positive("correlation length", length, "m", remedy=_CONSTANT)
+    for solver, each, old, size in zip(
+        expansion.solvers, covariance, expansion.covariance, expansion.extent, strict=True
+    ):
+        check_resolves(solver, each, old, size)
     axes = all_axis_modes(covariance, expansion.solvers, expansion.origin, expansion.extent)
     counts = [axis.fractions.shape[0] for axis in expansion.axes]
     return replace(

@@ -120,6 +120,7 @@ def test_fields_refuse_points_outside_and_wrong_shapes(expansion):
         (lambda e, c: kl.with_covariance(e, (SE(1.0),)), r"of \['SquaredExponential'\] for an expansion"),
         (lambda e, c: kl.with_covariance(e, (SE(1.0), kl.Matern32(1.0))), r"give the same families"),
         (lambda e, c: kl.with_covariance(e, (SE(1.0), SE(-1.0))), r"correlation length = -1 m"),
+        (lambda e, c: kl.with_covariance(e, (SE(10.0), SE(0.05))), r"length = 0.05 m takes order .*: expand anew"),
         (lambda e, c: kl.captured_variance(e, probes=1), r"probes = 1"),
         (lambda e, c: kl.field.rotate(kl.Bedding(10.0), jnp.array([[NAN], [1.0]])), r"points = .*give a finite value"),
         (lambda e, c: kl.field.rotate(kl.Bedding(10.0, NAN), jnp.ones((3, 1))), r"strike = nan: give a finite value"),

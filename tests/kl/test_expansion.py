@@ -167,6 +167,20 @@ def test_gradient_by_length_is_finite_in_float32(expansion):
     assert jnp.isfinite(jax.jit(jax.grad(value))(60.0))
 
 
+def test_another_length_is_refused_where_its_solver_does_not_hold():
+    box = (0.0,), (100.0,)
+    triangular = kl.expand((kl.Triangular(120.0),), *box)
+    with pytest.raises(ValueError, match=r"60\.0 has no closed form below the extent 100\.0: expand anew"):
+        kl.with_covariance(triangular, (kl.Triangular(60.0),))
+    smooth = kl.expand((kl.SquaredExponential(60.0),), *box)
+    for length in (50.0, 30.0):
+        changed = kl.with_covariance(smooth, (kl.SquaredExponential(length),))
+        right = kl.expand((kl.SquaredExponential(length),), *box, modes=3)
+        np.testing.assert_allclose(changed.fractions[:3], right.fractions, rtol=1e-4)
+    with pytest.raises(ValueError, match=r"length = 5\.0 m takes order"):
+        kl.with_covariance(smooth, (kl.SquaredExponential(5.0),))
+
+
 def test_rescaling_and_residual_restore_unit_variance():
     expansion = kl.expand(paper(), ORIGIN, EXTENT, energy=0.9)
     points = scattered(200)
