@@ -30,6 +30,8 @@ def water_table(
     """The table from wall to wall, under gravity (m/s2); ValueError for one that does not reach them."""
     if water is None:
         return None
+    if not gravity:
+        raise ValueError("water with gravity = 0, under which it has no pressure: leave it out")
     left, right = outline.walls
     points = points_of("water", [(left, water), (right, water)] if isinstance(water, int | float) else water)
     if points[0, 0] > left or points[-1, 0] < right:

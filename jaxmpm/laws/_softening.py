@@ -115,7 +115,8 @@ class ExponentialSoftening:
         for _ in range(NEWTON_STEPS):
             strength = self.strength(peak, g + dg)
             slope = shear - 3 / self.strain_95 * (strength - self.residual_ratio * peak)
-            dg = dg + (trial - shear * dg - strength) / slope
+            # Never below 0: soil that does not yield would take exp beyond its range, and its derivative with it.
+            dg = jnp.maximum(dg + (trial - shear * dg - strength) / slope, 0)
         return dg
 
     def steepest(self, peak: Array) -> Array:

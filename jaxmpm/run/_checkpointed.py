@@ -134,7 +134,7 @@ def replay(
 
     Raises:
         ValueError: If `steps` is no Python integer, `every` does not divide it, memory is too small, or the state is
-            not the scene's (see `solve`).
+            not the scene's (see `solve`) or records columns.
     """
     if not isinstance(steps, int) or isinstance(steps, bool) or steps < 1:
         raise ValueError(f"steps = {steps!r}: give a Python integer of 1 or more, for example int(result.state.step)")
@@ -148,12 +148,17 @@ def replay(
     if steps % every:
         raise ValueError(f"every = {every} does not divide {steps} steps: give a divisor")
     check_state(scene, state, None)
+    if state.columns is not None:
+        raise ValueError("replay records no columns: give it a state without, replace(state, columns=None), or solve")
     state = begun(scene, running(state))
     last = None if limit is None else state.step + limit
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))
 
     def one(old: State) -> State:
         new = replace(step(scene, old, scene.time_step), step=old.step + 1)
+        # A lane may break off and come back, such as soil that leaves the grid and falls into it.
+        status = jnp.where(old.status == Status.RUNNING, lane_status(scene, jax.lax.stop_gradient(new)), old.status)
+        new = replace(new, status=status)
         if last is None:
             return new
         going = old.step < last
@@ -161,8 +166,6 @@ def replay(
 
     def segment(old: State, _: object) -> tuple[State, object]:
         new = _nested(one, old, every, len(plan.levels))
-        first = jnp.where(old.status == Status.RUNNING, lane_status(scene, new), old.status)
-        new = replace(new, status=first)
         return new, None if observe is None else observe(new)
 
     if every == steps:

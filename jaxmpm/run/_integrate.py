@@ -136,6 +136,8 @@ def solve(
     if t_end < dt * (1 - 1e-6):
         raise ValueError(f"t_end = {t_end:g} s is below the time step of {dt:g} s: give that or more")
     total = steps_until(t_end, dt)
+    if total > np.iinfo(np.int32).max:
+        raise ValueError(f"t_end = {t_end:g} s takes {total:,} steps of {dt:.3g} s, the limit is 2^31: give less")
     times = tuple(sorted(snapshots))
     wanted = [steps_until(t, dt) for t in times]
     rule = settle or Settle()

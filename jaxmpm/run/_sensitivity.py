@@ -9,10 +9,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from foundation import check
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.run._checkpointed import replay
 from jaxmpm.setup import check_scene
-from jaxmpm.types import Scene, State
+from jaxmpm.types import Scene, State, Status
 
 
 def strength_sensitivity(
@@ -34,6 +35,7 @@ def strength_sensitivity(
 
     Raises:
         ValueError: If the material has no strength, a number is beyond its limit, or as for `replay`.
+        FloatingPointError: If the run breaks off.
     """
     known = declared(scene.material).get("strength")
     if known is None:
@@ -41,10 +43,14 @@ def strength_sensitivity(
             f"{type(scene.material).__name__} has no strength: give a J2 material, as `Soil(strength=..)` makes"
         )
 
-    def reached(strength: Array) -> Array:
+    def reached(strength: Array) -> tuple[Array, Array]:
         varied = replace(scene, material=with_parameters(scene.material, {known.path: strength}))
-        return objective(replay(varied, state, steps, memory=memory)[0])
+        end, _ = replay(varied, state, steps, memory=memory)
+        return objective(end), end.status
 
     check_scene(scene)
     strength = jnp.broadcast_to(known.value, scene.particles.mass.shape)
-    return jax.jit(jax.value_and_grad(reached))(strength)
+    (value, status), derivative = jax.jit(jax.value_and_grad(reached, has_aux=True))(strength)
+    if not check.is_traced(status) and int(status) > Status.DECIDED:
+        raise FloatingPointError(f"the run breaks off within {steps} steps ({Status(int(status)).name}): give fewer")
+    return value, derivative

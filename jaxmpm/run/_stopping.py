@@ -171,9 +171,11 @@ class Watch:
             if slides is not None:
                 fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid, displacement)
             moves = np.abs(seen - self.reference) > settle.drift
-            quiet = np.where(moves | fast | shaken, 0.0, self.quiet + elapsed)
+            restless = moves | fast | shaken
+            quiet = np.where(restless, 0.0, self.quiet + elapsed)
             watch = Watch(quiet, np.where(moves, seen, self.reference), self.rates)
-            status = np.where((status == Status.RUNNING) & (quiet >= settle.hold), Status.SETTLED, status)
+            settles = (status == Status.RUNNING) & ~restless & (quiet >= settle.hold)
+            status = np.where(settles, Status.SETTLED, status)
         if stop_at is not None:
             status = np.where((status == Status.RUNNING) & (displacement > stop_at), Status.DECIDED, status)
         if early is not None:

@@ -109,9 +109,11 @@ def factor_of_safety(
             "a factor of safety with ends = 'free field', whose ground would keep its strength: build the section with "
             "walls, or shake `reduced(scene, R)`"
         )
-    low, high = round(bracket[0] / resolution), round(bracket[1] / resolution)
-    if not 0 < low < high:
+    low, high = math.floor(bracket[0] / resolution + 1e-9), math.ceil(bracket[1] / resolution - 1e-9)
+    if not bracket[0] < bracket[1]:
         raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction factor above 0")
+    if low < 1:
+        raise ValueError(f"resolution = {resolution:g} exceeds the lower end of bracket = {bracket}: give a finer one")
     judge = partial(_by_displacement, limit) if criterion is None else partial(_by_limit_load, Times.of(scene, t_end))
     outcomes: dict[int, tuple[float, bool]] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
@@ -126,6 +128,11 @@ def factor_of_safety(
         if not stands or not fails:
             side, end = ("fails", low) if not stands else ("stands", high)
             raise ValueError(f"the slope {side} even at R = {end * resolution:g}: widen the bracket {bracket}")
+        if min(stands) > min(fails):
+            raise ValueError(
+                f"the slope fails at R = {min(fails) * resolution:g} and stands at {min(stands) * resolution:g}: its "
+                "displacement does not grow with R; give another failure_displacement or a narrower bracket"
+            )
         low, high = max(p for p in stands if p < min(fails)), min(fails)
         inner = np.linspace(low, high, min(batch, high - low - 1) + 2)[1:-1]
         points = sorted({round(p) for p in inner} - set(outcomes))

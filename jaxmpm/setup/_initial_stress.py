@@ -136,8 +136,8 @@ def settled(scene: Scene, state: State) -> State:
     if not float(residual) < RESIDUAL:
         raise ValueError(
             f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit {RESIDUAL:g}): "
-            "is the body held against gravity, and are the moduli within some orders of magnitude? Else start it "
-            "with `unstressed`"
+            "is the body held against gravity, are the moduli within some orders of magnitude, and is Poisson's ratio "
+            "below 0.4999? Else start it with `unstressed`, or take float64"
         )
     return replace(state, stress=balanced)
 

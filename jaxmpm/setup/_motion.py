@@ -8,6 +8,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from foundation import check
 from foundation.text import shown
@@ -123,3 +124,23 @@ def check_motion(motion: BaseMotion, dimension: int) -> None:
             f"motion has acceleration {shape} and interval {np.shape(motion.interval)}: give ({dimension}, m), m > 1, "
             "and one number"
         )
+
+
+SKIPPED = 0.02
+"""Share of a record's peak velocity from which on a loss by time steps is worth a warning."""
+
+
+def skipped(motion: BaseMotion, dt: float) -> float:
+    """What time steps (s) leave out of a record, by the velocity that it makes, over its peak."""
+    given = np.asarray(motion.acceleration, np.float64)
+    interval, last = float(motion.interval), given.shape[1] - 1
+    if interval >= dt:
+        return 0.0
+    time = np.arange(given.shape[1]) * interval
+    seen = np.append(np.arange(0, last * interval, dt), last * interval)
+    sampled = np.stack([np.interp(seen, time, each) for each in given])
+    whole, part = (cumulative_trapezoid(a, t, initial=0) for a, t in ((given, time), (sampled, seen)))
+    peak = np.abs(whole).max()
+    if peak == 0:
+        return 0.0
+    return float(max(np.abs(np.interp(time, seen, p) - w).max() for w, p in zip(whole, part, strict=True)) / peak)

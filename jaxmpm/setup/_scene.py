@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,7 @@ import numpy as np
 
 from foundation import check
 from jaxmpm.grid import Grid, Particles
-from jaxmpm.laws import frictional, remembers_gap
+from jaxmpm.laws import BaseMotion, frictional, remembers_gap
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._choices import (
     check_boundary,
@@ -25,7 +26,7 @@ from jaxmpm.setup._choices import (
 )
 from jaxmpm.setup._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.setup._law import check_scene, checked_material, number_of, wave_speed
-from jaxmpm.setup._motion import check_motion
+from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
 from jaxmpm.setup._options import Boundary, Loads, regrouped
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import passes_for
@@ -136,7 +137,25 @@ def scene(
         base=jax.tree.map(number, boundary.base),
     )
     check_scene(built)
+    _check_time_step(built, loads.motion)
     return built
+
+
+def _check_time_step(scene: Scene, motion: BaseMotion | None) -> None:
+    """Raise ValueError for damping that a time step takes too far; warn of a record that it skips parts of."""
+    dt = float(scene.time_step)
+    if scene.damping is not None and float(scene.damping) * dt >= 1:
+        raise ValueError(
+            f"damping = {float(scene.damping):g} 1/s in time steps of {dt:.3g} s: give less than {1 / dt:.3g}, from "
+            "which on it turns velocities round in each step, or a smaller cfl"
+        )
+    lost = 0.0 if motion is None or check.is_traced(motion) else skipped(motion, dt)
+    if motion is not None and lost > SKIPPED:
+        warnings.warn(
+            f"motion has a sample every {float(motion.interval):g} s, and time steps of {dt:.3g} s skip pulses that "
+            f"make {lost:.2g} of its peak velocity: average the record over such steps, or give a smaller cfl",
+            stacklevel=4,
+        )
 
 
 def unstressed(scene: Scene, *, apic: bool = False) -> State:

@@ -1,5 +1,6 @@
 """Shaking of the base, tied sides, and records of earthquakes."""
 
+import warnings
 from dataclasses import replace
 
 import jax
@@ -173,6 +174,15 @@ REFUSED = {
     ),
     "water": ({"soil": mpm.FrictionalSoil(1e3, 30.0), "water": [(0, 3), (1, 4)]}, "the water is at 3 m at one wall"),
 }
+
+
+def test_a_pulse_within_a_time_step_is_warned_of():
+    pulse = jnp.zeros((2, 2000)).at[0, 1003:1012].set(1.0)
+    with pytest.warns(UserWarning, match=r"a sample every 0.0001 s, and time steps of 0\.\d+ s skip pulses"):
+        layer(motion=mpm.BaseMotion(pulse, jnp.asarray(1e-4)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        layer(motion=shaking(interval=0.001))
 
 
 @pytest.mark.parametrize(("given", "message"), REFUSED.values(), ids=REFUSED)

@@ -160,6 +160,34 @@ def test_a_lane_that_broke_off_leaves_the_derivatives_of_its_neighbours_as_they_
     assert statuses.tolist() == [mpm.Status.RUNNING, mpm.Status.NOT_FINITE, mpm.Status.RUNNING]
 
 
+def test_soil_that_leaves_the_grid_and_comes_back_has_broken_off():
+    numerics = mpm.Discretisation(1.0, (0.5, 0.5))
+    thrown = {"domain": (4.0, 6.0), "corner": (1.5, 4.0), "velocity": (0.0, 7.0), "speed": 40.0}
+    scene, state = mpm.block((1.0, 1.0), mpm.Soil(strength=1e4, young=1e6), numerics, gravity=(0.0, -9.81), **thrown)
+    result = mpm.solve(scene, state, t_end=1.5)
+    assert result.status == mpm.Status.OUTSIDE_GRID
+    back = round(1.45 / float(scene.time_step))
+    final, _ = mpm.replay(scene, state, back)
+    assert final.status == mpm.Status.OUTSIDE_GRID
+    assert mpm.replay(scene, state, int(result.state.step) - 1)[0].status == mpm.Status.RUNNING
+    with pytest.raises(FloatingPointError, match="OUTSIDE_GRID"):
+        mpm.strength_sensitivity(scene, state, back, mpm.diagnostics.largest_displacement)
+
+
+@pytest.mark.parametrize("steepest", [0.5, 0.7])
+def test_derivatives_of_soil_that_softens_steeply_and_does_not_yield_are_finite(steepest):
+    shear = 2e7 / 2.6
+    soil = mpm.Soil(
+        strength=25e3, young=2e7, residual_ratio=0.2, strain_95=3 * 25e3 * 0.8 / (steepest * shear), unusual=True,
+        rate_coefficient=None if steepest == 0.5 else 0.1,
+    )  # fmt: skip
+    shape = mpm.Section([(0, 8), (8, 8), (16, 4), (24, 4)])
+    scene, state = mpm.section(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
+    _, derivative = mpm.strength_sensitivity(scene, state, 60, objectives.soft_largest_displacement)
+    assert np.isfinite(np.asarray(derivative)).all()
+    assert np.count_nonzero(np.asarray(derivative)) > 50
+
+
 def test_a_lane_stays_where_its_recorded_number_of_steps_ends():
     scene, state = slide()
     lanes = jax.jit(jax.vmap(lambda limit: mpm.replay(scene, state, 40, limit=limit)[0]))(jnp.asarray([15, 40]))
@@ -275,6 +303,12 @@ def test_bad_replays_are_refused(options, message):
     scene, state = slide()
     with pytest.raises(ValueError, match=message):
         mpm.replay(scene, state, **options)
+
+
+def test_a_record_of_columns_is_not_replayed():
+    scene, state = slide()
+    with pytest.raises(ValueError, match="replay records no columns"):
+        mpm.replay(scene, mpm.with_columns(scene, state, moved=0.5), 5)
 
 
 def test_bad_objectives_are_refused():

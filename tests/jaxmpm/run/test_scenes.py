@@ -1,5 +1,6 @@
 """Builders: counts, geometry, initial stress, and what they refuse."""
 
+import importlib
 from dataclasses import replace
 
 import jax
@@ -127,6 +128,13 @@ BAD_SLOPES = [
     ("cfl of USL", SLOPE, {}, {"cfl": 0.73, "scheme": mpm.Scheme.USL}, "cfl = 0.73 with scheme = USL, .* up to 0.72"),
     ("flip", SLOPE, {}, {"flip": 1.5}, "flip = 1.5"),
     ("damping", SLOPE, {}, {"damping": -1.0}, "damping = -1"),
+    (
+        "damping of a step",
+        SLOPE,
+        {},
+        {"damping": 500.0},
+        r"damping = 500 1/s in time steps of 0\.\d+ s: give less than",
+    ),
     ("air", SLOPE, {}, {"air": 0.0}, "air = 0 m"),
     ("kernel", SLOPE, {}, {"kernel": "gimp"}, "kernel = 'gimp'"),
     ("scheme", SLOPE, {}, {"scheme": "MUSL"}, "scheme = 'MUSL'"),
@@ -188,6 +196,16 @@ def test_factor_of_safety_brackets_the_jump_and_refuses_a_wrong_bracket():
     assert tried[result.stable] <= 1.0 < tried[result.fails]
     with pytest.raises(ValueError, match=r"stands even at R = 0.9: widen the bracket"):
         mpm.factor_of_safety(scene, state, bracket=(0.8, 0.9), resolution=0.05, batch=2, t_end=8.0)
+    with pytest.raises(ValueError, match=r"resolution = 2 exceeds the lower end of bracket"):
+        mpm.factor_of_safety(scene, state, bracket=(0.5, 3.0), resolution=2.0)
+
+
+def test_displacements_that_fall_with_the_factor_are_no_bracket(monkeypatch):
+    scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
+    module = importlib.import_module("jaxmpm.run._strength_reduction")
+    monkeypatch.setattr(module, "_by_displacement", lambda limit, s, t, factors, *_: [(0.0, r < 1.5) for r in factors])
+    with pytest.raises(ValueError, match=r"fails at R = 1 and stands at 2: its displacement does not grow with R"):
+        mpm.factor_of_safety(scene, state, bracket=(1.0, 2.0), resolution=0.5, batch=2)
 
 
 @pytest.mark.slow

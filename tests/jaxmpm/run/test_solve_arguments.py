@@ -45,6 +45,12 @@ def test_only_lanes_that_broke_off_stay_as_they_are(fallen, status):
     assert settled.status == mpm.Status.SETTLED
 
 
+def test_soil_that_falls_has_not_settled_whatever_the_hold(fallen):
+    scene, state = fallen
+    settle = mpm.Settle(hold=0.0, every=0.02)
+    assert mpm.solve(scene, state, t_end=0.1, settle=settle).status == mpm.Status.FINISHED
+
+
 def result_of(scene, state, settle):
     """A run that settles."""
     result = mpm.solve(scene, state, t_end=0.1, settle=settle)
@@ -58,6 +64,7 @@ def result_of(scene, state, settle):
         (1e-12, r"t_end = 1e-12 s is below the time step of 0\.0\d+ s"),
         (jnp.asarray([1.0, 2.0]), r"t_end has shape \(2,\): give one number"),
         (np.asarray([0.1]), r"t_end has shape \(1,\): give one number"),
+        (1e9, r"t_end = 1e\+09 s takes .* the limit is 2\^31: give less"),
     ],
 )
 def test_an_end_that_no_run_comes_to_is_refused(fallen, t_end, message):
