@@ -198,12 +198,26 @@ def _compared(point: Point, folder: Path, counted: Mapping[str, np.ndarray], var
     store = read_store(folder)
     campaign = campaign_of(store)
     rough = rows_reader(store, samples_of(campaign))("rough")
-    moved = rough.columns["displacement"][~rough.columns["broke_off"].astype(bool)]
-    displacement = tuple(np.quantile(moved, (0.5, 0.9)).tolist()) if moved.size else None
+    displacement = displacement_of(rough.columns["displacement"], rough.columns["broke_off"].astype(bool))
     motion, peak = campaign.run.motion, None
     if motion is not None:
         peak = float(np.abs(motion.acceleration[:-1]).max()) / STANDARD_GRAVITY
     return replace(point, difference=difference, displacement=displacement, peak=peak)
+
+
+def displacement_of(displacement: np.ndarray, broke_off: np.ndarray) -> tuple[float, ...] | None:
+    """Median and 90 % quantile of the largest displacements of samples.
+
+    Args:
+        displacement: (N,) m.
+        broke_off: (N,) bool, runs that mostly moved farther than all others; None of the quantiles is known where one
+            of them would be such a run's.
+    """
+    if not displacement.size:
+        return None
+    with np.errstate(invalid="ignore"):
+        quantiles = np.quantile(np.where(broke_off, np.inf, displacement), (0.5, 0.9))
+    return tuple(quantiles.tolist()) if np.isfinite(quantiles).all() else None
 
 
 def _fragility(

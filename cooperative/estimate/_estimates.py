@@ -10,6 +10,8 @@ from scipy.stats import t as student
 
 FEWEST = 5
 """Effective number of samples from which on a mean has an interval: fewer show too little of their scatter."""
+ALIKE = 1e-9
+"""Differences of values, over their mean, that are rounding."""
 LEAST_FREEDOM = 3.0
 """Least degrees of freedom of a variance of `FEWEST` or more samples. With 1 or 2 the upper limits of made-up campaigns
 reached 15,000 and 46 times the truth; with 3 they reach 21 times, and hold it as often to within 1 %."""
@@ -252,17 +254,16 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
         level: confidence level of the interval.
 
     Returns:
-        The limits, None for effectively fewer values than `FEWEST`, and where all are 0.
+        The limits, None for effectively fewer values than `FEWEST`, and where all are 0 or alike, which shows nothing
+        of how they scatter.
     """
     values, weight = np.asarray(values, float), np.asarray(weight, float)
     share = weight / weight.sum()
     mean = float(share @ values)
-    if too_few(weight) or not mean > 0:
+    if too_few(weight) or not mean > 0 or float(np.ptp(values)) <= ALIKE * mean:
         return None
     parts = (share * (values - mean) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
     variance = float(parts.sum())
-    if variance == 0:
-        return mean, mean
     freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
     half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance) / mean
     return mean * float(np.exp(-half)), mean * float(np.exp(half))

@@ -6,14 +6,14 @@ these: their order is independent of their soil, so they are a random subset.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
 
-from cooperative.estimate._estimates import Estimate, after_more_runs
-from cooperative.estimate._formulas import FOLDS, control_variate, monte_carlo, published
+from cooperative.estimate._estimates import Estimate, after_more_runs, wilson_interval
+from cooperative.estimate._formulas import FOLDS, RARE, control_variate, monte_carlo, published
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
 
@@ -168,13 +168,26 @@ class InOrder(Budgeted):
             met = (
                 stop
                 for stop in range(LOOK, there + 1, LOOK)
-                if self.estimate(population, {s: answers[s] for s in range(stop)}).cov <= target
+                if self._meets(target, population, {s: answers[s] for s in range(stop)})
             )
             runs = next(met, runs)
             # Not beyond the next look: what is run after it might not be needed.
             runs = min(runs, LOOK * (there // LOOK + 1))
         missing = [number for number in range(runs) if number not in answers and number not in under_way]
         return missing[: max(lanes - len(under_way), 0)]
+
+    def _meets(self, target: float, population: Population, answers: Answers) -> bool:
+        """Whether answers meet a target. Where few fail or few stand their own scatter is too small by chance.
+
+        Then half of the target is asked for, of two failures and two that stand more (Agresti and Coull 1998,
+        doi:10.1080/00031305.1998.10480550).
+        """
+        failed = [each for each in answers.values() if each is not None]
+        failures, runs = sum(failed), len(failed)
+        share = (failures + 2) / (runs + 4)
+        if min(failures, runs - failures) < RARE and (1 - share) / (share * (runs + 4)) > (target / 2) ** 2:
+            return False
+        return self.estimate(population, answers).cov <= target
 
     def path(self, population: Population, answers: Answers) -> list[Estimate]:
         """After every 10 samples, or more."""
@@ -203,10 +216,10 @@ class MonteCarlo(InOrder):
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """The share of the first samples that fails."""
-        known, notes = _first_answers(answers)
+        known, lost = _first_answers(answers)
         if not known:
             return Estimate(0.0, (0.0, 1.0), np.inf, 0, "Monte Carlo", notes=("no refined run yet",))
-        return replace(monte_carlo(np.array(list(known.values())), samples=population.size), notes=notes)
+        return _open_to(lost, known, monte_carlo(np.array(list(known.values())), samples=population.size))
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, and the control variate where there are samples that it can add."""
@@ -228,14 +241,15 @@ class ControlVariate(InOrder):
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """With the rough ranks as control; plain Monte Carlo of fewer than 10 runs."""
-        known, notes = _first_answers(answers)
+        known, lost = _first_answers(answers)
         if len(known) < 2 * FOLDS:
             few = f"too few runs for a control variate, it takes {2 * FOLDS}"
-            return replace(MonteCarlo().estimate(population, answers), notes=(*notes, few))
+            plain = MonteCarlo().estimate(population, answers)
+            return replace(plain, notes=(*plain.notes, few))
         estimate = control_variate(
             population.rough_displacement, known, failure_displacement=population.failure_displacement
         )
-        return replace(estimate, notes=notes)
+        return _open_to(lost, known, estimate)
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, and plain Monte Carlo: nobody chose the first samples."""
@@ -298,9 +312,23 @@ def _without_gap(answers: Answers) -> int:
     return next(number for number in range(len(answers) + 1) if number not in answers)
 
 
-def _first_answers(answers: Answers) -> tuple[dict[int, bool], tuple[str, ...]]:
-    """Answers of the samples from number 0 on without a gap, and a note on those that broke off."""
+def _first_answers(answers: Answers) -> tuple[dict[int, bool], int]:
+    """Answers of the samples from number 0 on without a gap, and how many of these broke off."""
     count = _without_gap(answers)
     known = {number: bool(answers[number]) for number in range(count) if answers[number] is not None}
-    lost = count - len(known)
-    return known, (f"{lost} refined runs gave no answer and are left out",) if lost else ()
+    return known, count - len(known)
+
+
+def _open_to(lost: int, known: Mapping[int, bool], estimate: Estimate) -> Estimate:
+    """The estimate with an interval that holds P_f whatever `lost` runs without an answer would have been."""
+    if not lost:
+        return estimate
+    failures, runs = sum(known.values()), len(known) + lost
+    low, _ = wilson_interval(failures, runs, estimate.level)
+    _, high = wilson_interval(failures + lost, runs, estimate.level)
+    note = f"{lost} refined runs gave no answer; the interval holds P_f if none of them fails, and if all do"
+    return replace(
+        estimate,
+        interval=(min(low, estimate.interval[0]), max(high, estimate.interval[1])),
+        notes=(*estimate.notes, note),
+    )

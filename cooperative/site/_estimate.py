@@ -286,7 +286,10 @@ def _remarks(
         inside = [(each.z < layer.top) & (each.z >= layer.bottom) for each in soundings]
         bad = [np.isfinite(each.cone) & np.isnan(_parameter(each, parameter, assumed)) for each in soundings]
         if nothing := sum(int((one & other).sum()) for one, other in zip(inside, bad, strict=True)):
-            yield f"{nothing} readings that give no {parameter} above 0 are left out: check N_kt, unit weight and water"
+            yield (
+                f"{nothing} readings that give no {parameter} above 0 are left out: check N_kt, unit weight, water and "
+                "gaps in u_2"
+            )
         readings = sum(int(each.sum()) for each in inside)
         if count < readings:
             yield f"{count} of {readings} readings used, thinned, none averaged or filled in"

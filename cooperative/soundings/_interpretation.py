@@ -56,15 +56,15 @@ class Stresses:
 def corrected_cone(sounding: Sounding) -> Values:
     """Cone resistance q_t (n,) Pa: q_c + (1 - a) u_2 with the net area ratio a.
 
-    It is q_c where the file has no area ratio, or no pore pressure: in sand they differ little, in soft clay q_c is
-    too small.
+    It is q_c where the file has no area ratio, or no pore pressure at all: in sand they differ little, in soft clay q_c
+    is too small. A gap in u_2 alone is one in q_t.
 
     Args:
         sounding: whose readings.
     """
-    if sounding.area_ratio is None:
+    if sounding.area_ratio is None or not np.isfinite(sounding.pore).any():
         return sounding.cone
-    return sounding.cone + (1 - sounding.area_ratio) * np.nan_to_num(sounding.pore)
+    return sounding.cone + (1 - sounding.area_ratio) * sounding.pore
 
 
 def strength_of(sounding: Sounding, stresses: Stresses, n_kt: float) -> Values:

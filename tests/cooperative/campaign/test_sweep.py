@@ -10,6 +10,7 @@ import pytest
 from cooperative import runs, sweep
 from cooperative.scene import parse, to_toml
 from cooperative.summary import summarise
+from cooperative.sweep import displacement_of
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_summary_of_slides import five_slides
@@ -77,6 +78,16 @@ def test_a_sweep_answers_for_every_value(tmp_path):
     assert fewer["probability"] <= more["probability"]
     for name in ("probability", "modes"):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+
+
+def test_runs_that_broke_off_are_among_the_farthest():
+    moved, broke_off = np.arange(100.0), np.zeros(100, bool)
+    assert displacement_of(moved, broke_off) == pytest.approx((49.5, 89.1))
+    assert displacement_of(moved, moved > 94) == pytest.approx((49.5, 89.1))
+    # Whatever their displacement was when they broke off.
+    assert displacement_of(moved, moved < 5) == pytest.approx((54.5, 94.1))
+    assert displacement_of(moved, moved > 85) is None
+    assert displacement_of(moved[:0], broke_off[:0]) is None
 
 
 def test_the_folder_of_another_sweep_is_refused(tmp_path, made_up):

@@ -36,6 +36,34 @@ def play(estimator, displacement, failed, lanes=1, seed=0):
         answers[number] = bool(failed[number])
 
 
+@pytest.mark.parametrize("kind", [MonteCarlo, ControlVariate])
+def test_a_target_is_not_met_by_a_chance_run_of_failures(kind):
+    """P_f 0.9: of ten samples all fail in 35 campaigns of a hundred, and their scatter is 0."""
+    generator = np.random.default_rng(0)
+    met = []
+    for _ in range(40):
+        displacement, failed = np.exp(generator.standard_normal(400)), generator.random(400) < 0.9
+        _, answers = play(kind(target_cov=0.05), displacement, failed)
+        met.append((len(answers), np.mean(list(answers.values()))))
+    runs, shares = np.array(met).T
+    assert runs.min() >= 30
+    assert np.mean(shares) == pytest.approx(0.9, abs=3 * np.std(shares) / np.sqrt(len(shares)))
+
+
+@pytest.mark.parametrize("kind", [MonteCarlo, ControlVariate])
+def test_the_interval_holds_whatever_runs_without_an_answer_would_have_been(kind):
+    generator = np.random.default_rng(1)
+    displacement = np.exp(generator.standard_normal(60))
+    answers = {number: bool(generator.random() < 0.3) for number in range(60)}
+    lost = dict(answers) | dict.fromkeys(range(0, 60, 5), None)
+    estimate = kind().estimate(Population(displacement), lost)
+    for outcome in (False, True):
+        whole = monte_carlo(np.array([outcome if each is None else each for each in lost.values()]))
+        assert estimate.interval[0] <= whole.probability <= estimate.interval[1]
+    assert any("12 refined runs gave no answer" in note for note in estimate.notes)
+    assert kind().estimate(Population(displacement), answers).notes == ()
+
+
 @pytest.mark.parametrize(
     "estimator", [kind(target_cov=target) for kind in WITH_TARGETS for target in (None, 0.2)] + [Published(8)], ids=repr
 )

@@ -4,11 +4,14 @@ import re
 
 import pytest
 
+from benchmarks.robustness.invented import SUBSET
 from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.scene import example, parse, remarks
 
 DEMO, EMBANKMENT = example("demo"), example("embankment")
+SAND = "[soil]\nunit_weight = 20e3\nyoung = 5e7\npoisson = 0.3\nfriction = 30.0\n"
+FIELD = "[soil.cohesion]\nmean = 20e3\ncov = 0.2\nlength = [60.0, 4.0]\n" + DEMO[DEMO.index("[rough]") :]
 
 
 def drawn(surface):
@@ -57,6 +60,17 @@ def test_a_correlation_length_of_less_than_two_cells_is_remarked():
     assert any(
         "a correlation length of 0.1 m" in each for each in remarks(parse(EMBANKMENT.replace("30.0, 2.0", "3.0, 0.1")))
     )
+
+
+def test_dilation_without_an_end_and_small_levels_are_remarked():
+    sand = DEMO[: DEMO.index("[soil]")] + SAND
+    assert not any("dilation" in each for each in remarks(parse(sand + "dilation = 0.0\n" + FIELD)))
+    [remark] = remarks(parse(sand + "dilation = 10.0\n" + FIELD))
+    assert remark.startswith("dilation = 10 degrees without softening_strain: soil gains volume")
+    assert not list(remarks(parse(sand + "dilation = 10.0\nsoftening_strain = 0.3\n" + FIELD)))
+    [remark] = remarks(parse(SUBSET))
+    assert remark.startswith("levels of 20 samples in each of 2 replicates")
+    assert remark.endswith("give samples = 500 or more")
 
 
 def test_check_says_how_much_ground_a_slide_may_need_beyond_the_toe(tmp_path, capsys):
