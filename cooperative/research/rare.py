@@ -167,7 +167,8 @@ def importance_sampling(
 
     The normal density is shifted, not stretched: with tens of coefficients a stretched one has weights of unbounded
     variance. The interval is that of the mean of the weights; where no sample fails, it is open to 1, since nothing
-    bounds the weights of failures that were not drawn.
+    bounds the weights of failures that were not drawn. It presumes one design point and a limit state that is nearly
+    plane: elsewhere it is too narrow, and lacks failures around other points.
 
     Args:
         fails: coefficients (samples, M) -> whether each fails.

@@ -117,8 +117,9 @@ def expand(
 
     Raises:
         ValueError: If a length or extent is not above 0, energy is outside (0, 1], energy or modes exceed what the
-            solvers give, a solver does not fit its covariance, a covariance is not positive definite, float64 is
-            disabled, or a length is traced (expand outside the traced function and call `with_covariance` in it).
+            solvers give, a solver does not fit its covariance, a covariance is not positive definite, positions are too
+            far from 0 for their precision, float64 is disabled, or a length is traced (expand outside the traced
+            function and call `with_covariance` in it).
     """
     covariance, origin, extent = _checked(covariance, origin, extent)
     if energy is not None and modes is not None:
@@ -139,6 +140,7 @@ def expand(
         for each, axis, size in zip(per_axis, covariance, extent, strict=True)
     )
     real = jnp.result_type(float, *jax.tree.leaves(covariance)) if dtype is None else check.dtype(dtype)
+    _check_near(covariance, origin, extent, real)
     covariance = jax.tree.map(lambda length: jnp.asarray(length, real), covariance)
     axes = all_axis_modes(covariance, solvers, origin, extent)
     fractions = [np.asarray(axis.fractions) for axis in axes]
@@ -150,6 +152,24 @@ def expand(
         jax.tree.map(jnp.asarray, leading(axis, int(count))) for axis, count in zip(host_axes, used, strict=True)
     )
     return Expansion(covariance, axes, jnp.asarray(index, jnp.int32), bedding, solvers, origin, extent)
+
+
+RESOLVED = 0.02
+"""Rounding of a position at most, over the shortest correlation length."""
+
+
+def _check_near(
+    covariance: tuple[Covariance, ...], origin: tuple[float, ...], extent: tuple[float, ...], real: DTypeLike
+) -> None:
+    """Raise ValueError for a box so far from 0 that positions are rounded to a part of a correlation length."""
+    far = max(max(abs(low), abs(low + size)) for low, size in zip(origin, extent, strict=True))
+    shortest = min((float(length) for axis in covariance for length in length_leaves(axis)), default=np.inf)
+    rounding = float(jnp.finfo(real).eps) * far
+    require(
+        rounding <= RESOLVED * shortest,
+        f"the box reaches to {far:g} m, where {jnp.dtype(real).name} rounds positions to {rounding:.2g} m, and the "
+        f"shortest correlation length is {shortest:g} m: measure positions from a corner of the box",
+    )
 
 
 def _checked(
