@@ -108,6 +108,8 @@ def check(given: argparse.Namespace) -> None:
     for each in (scene, *others):
         runs.check_size(each)
     print("\n".join(map(printable, words_of_cost(scene, runs.cost_of(scene, given.seconds)))))
+    if others:
+        print(f"  sweep          {1 + len(others)} campaigns, each of about this time")
 
 
 def _campaigns(path: Path) -> list[Campaign]:

@@ -45,6 +45,7 @@ def test_a_sweep_is_checked_and_drawn_by_its_base(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert f"a sweep of {count} campaigns" in printed
     assert "hours of one core" in printed
+    assert printed.endswith(f"  sweep          {count} campaigns, each of about this time\n")
     assert main(["draw", str(scene), "--out", str(tmp_path / "s.png")]) == 0
     assert (tmp_path / "s.png").exists()
     assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
