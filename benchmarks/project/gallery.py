@@ -85,8 +85,8 @@ Copy a scene of the second or third table from its link. `jaxmpm new --kind KIND
 - **Closest to an embankment on soft clay**: `embankment`.
 - **Water**: `what_if`, and `sites/acads_3a` (a piezometric line). **Earthquakes**: `what_if` by its k_h; a record goes
   into [`[motion]`](scenes.md#motion).
-- **Under five minutes on one core**: `section`, `paper_section`, `new/slope`, `new/section`. `demo` takes half a
-  minute on two cores, 7 minutes at most.
+- **Under five minutes on one core**: `demo` (half a minute on two), `section`, `paper_section`, `griffiths_fenton`,
+  `what_if`, `embankment`, `new/slope`, `new/section`.
 
 Each picture shows sample 0 on the refined grid; `jaxmpm draw SCENE` draws it larger, with layers, walls and both grids.
 The cost is an upper limit, by `jaxmpm check SCENE` on one core of a shared machine. Runs end far sooner where the slope
@@ -141,7 +141,8 @@ def cost(parts: list[Campaign], seconds: float) -> str:
     result = [cost_of(part, seconds / len(parts)) for part in parts]
     sizes = result[0].sizes
     hours = sum(each.hours(grid) for each in result for grid in each.sizes)
-    duration = f"{60 * hours:.0f} minutes" if hours < 1 else f"{float(f'{hours:.2g}'):,g} hours"
+    minutes = f"{60 * hours:.0f} minutes" if 60 * hours >= 1.5 else "a minute"
+    duration = minutes if hours < 1 else f"{float(f'{hours:.2g}'):,g} hours"
     rough, refined = (sum(each.runs[grid] for each in result) for grid in ("rough", "refined"))
     grids = " and ".join(f"{size.particles:,.0f}" for size in sizes.values())
     return f"{rough:,} rough and at most {refined:,} refined runs of {grids} particles: {duration}"
