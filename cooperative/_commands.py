@@ -114,10 +114,10 @@ def check(given: argparse.Namespace) -> None:
 
 def _campaigns(path: Path) -> list[Campaign]:
     """The campaign of a scene; of a sweep all, and a line about the first one."""
-    found = campaigns_of(path)
-    if len(found) > 1:
-        print(f"{path} is a sweep of {len(found)} campaigns. This is its base; `jaxmpm sweep` runs all of them.")
-    return found
+    campaigns = campaigns_of(path)
+    if len(campaigns) > 1:
+        print(f"{path} is a sweep of {len(campaigns)} campaigns. This is its base; `jaxmpm sweep` runs all of them.")
+    return campaigns
 
 
 def sketch(given: argparse.Namespace) -> None:

@@ -70,14 +70,6 @@ def test_expand_refuses_empty_boxes(extent):
         kl.expand((SE(10.0), SE(2.0)), (0.0, 0.0), extent)
 
 
-@pytest.mark.parametrize("bedding", [None, kl.Bedding(20.0)])
-def test_expand_refuses_boxes_too_far_for_their_precision(bedding):
-    with pytest.raises(
-        ValueError, match=r"float32 rounds positions to 0\.\d+ m, .* length is 1 m: measure positions from"
-    ):
-        kl.expand((SE(10.0), SE(1.0)), (5e6, 0.0), (20.0, 5.0), bedding=bedding)
-
-
 def test_expand_refuses_traced_lengths_and_names_the_way():
     with pytest.raises(ValueError, match="with_covariance"):
         jax.grad(lambda length: kl.expand((SE(length),), (0.0,), (1.0,)).fractions.sum())(1.0)

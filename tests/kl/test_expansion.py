@@ -167,6 +167,14 @@ def test_gradient_by_length_is_finite_in_float32(expansion):
     assert jnp.isfinite(jax.jit(jax.grad(value))(60.0))
 
 
+@pytest.mark.parametrize("bedding", [None, kl.Bedding(20.0)])
+def test_expand_refuses_boxes_too_far_for_their_precision(bedding):
+    with pytest.raises(
+        ValueError, match=r"float32 rounds positions to 0\.\d+ m, .* length is 1 m: measure positions from"
+    ):
+        kl.expand((kl.SquaredExponential(10.0), kl.SquaredExponential(1.0)), (5e6, 0.0), (20.0, 5.0), bedding=bedding)
+
+
 def test_another_length_is_refused_where_its_solver_does_not_hold():
     box = (0.0,), (100.0,)
     triangular = kl.expand((kl.Triangular(120.0),), *box)

@@ -21,7 +21,8 @@ def test_a_scene_is_shown_with_its_cost_and_its_result(name):
     mark = "THE COST"
     before, after = map(re.escape, gallery.row(name, mark).split(mark))
     (text,) = re.findall(f"^{before}(.*){after}$", PAGE, re.M)
-    cost = r"[\d,]+ rough and at most [\d,]+ refined runs of [\d,]+ and [\d,]+ particles: ([\d,.]+ (minutes|hours)|a minute)"
+    duration = r"([\d,.]+ (minutes|hours)|a minute)"
+    cost = rf"[\d,]+ rough and at most [\d,]+ refined runs of [\d,]+ and [\d,]+ particles: {duration}"
     assert re.fullmatch(cost, text)
     shown = image.imread(gallery.FIGURES / f"{name.replace('/', '-')}.png")
     assert shown.shape[1] == 384

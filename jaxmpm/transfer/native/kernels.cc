@@ -84,7 +84,7 @@ JAXMPM_INLINE Pack<T, W> scaled(const V& all, const Pack<T, W>& a) {
     return {low * a.first, scaled(all, a.rest)};
   }
 }
-// A load brings the number to all places of a vector. From a register it would take a port that products need.
+// A load brings the number to all lanes of a vector. From a register it would take a port that products need.
 template <class T, int W>
 JAXMPM_INLINE Pack<T, W> operator*(T s, const Pack<T, W>& a) {
   if constexpr (W == a.kFirst) {
