@@ -135,6 +135,15 @@ def test_fields_correlate_as_asked(nataf):
     assert abs(own - gaussian) > 0.03
 
 
+def test_a_layer_of_another_distribution_has_not_the_correlation_of_nataf():
+    """Its own root would be another one: -0.5 of the parameters was -0.38 where cov is 1.5."""
+    drawn = "[ground]\nsurface = [[0, 10], [8, 10], [16, 2], [32, 2]]\n" + SAND[SAND.index("[soil]") :] + CORRELATED
+    layer = '[[layer]]\nname = "loose"\ndepth = 2.0\ncohesion = { cov = 0.6 }\n[[layer]]\nname = "dense"\n'
+    assert parse(drawn + layer).site.layers[0].random["cohesion"].cov == 0.6
+    with pytest.raises(ValueError, match=r"layer 'loose'.*cohesion has .* nataf in \[cross_correlation\]"):
+        parse(drawn + "nataf = true\n" + layer)
+
+
 def test_fields_that_correlate_are_conditioned_together():
     held = changed(FIELDS, ("length = [20.0, 4.0]\n", "length = [20.0, 4.0]\nboreholes = [[7.0, 3.0, 9e3]]\n"))
     model = model_of(changed(SAND, (FIELDS, held)) + CORRELATED)

@@ -36,6 +36,11 @@ def test_ground_under_water_bears_its_buoyant_weight_however_deep_the_pool(pool)
     assert np.allclose(pressure[inner(z)], (18e3 - WATER) * (8 - z[inner(z)]), rtol=5e-3)
 
 
+def test_water_without_gravity_is_refused_by_that_name():
+    with pytest.raises(ValueError, match="water with gravity = 0, under which it has no pressure"):
+        mpm.section(LEVEL, SAND, HALVES, water=2.0, gravity=0.0)
+
+
 def test_below_a_table_soil_is_saturated_and_buoyant_and_above_it_neither():
     z, pressure = vertical(LEVEL, replace(SAND, saturated_unit_weight=20e3), water=[(0, 4), (12, 4)])
     expected = 18e3 * np.minimum(8 - z, 4) + (20e3 - WATER) * np.maximum(4 - z, 0)
