@@ -149,8 +149,10 @@ def _check_time_step(scene: Scene, motion: BaseMotion | None) -> None:
             f"damping = {float(scene.damping):g} 1/s in time steps of {dt:.3g} s: give less than {1 / dt:.3g}, from "
             "which on it turns velocities round in each step, or a smaller cfl"
         )
-    lost = 0.0 if motion is None or check.is_traced(motion) else skipped(motion, dt)
-    if motion is not None and lost > SKIPPED:
+    if motion is None or check.is_traced(motion):
+        return
+    lost = skipped(motion, dt)
+    if lost > SKIPPED:
         warnings.warn(
             f"motion has a sample every {float(motion.interval):g} s, and time steps of {dt:.3g} s skip pulses that "
             f"make {lost:.2g} of its peak velocity: average the record over such steps, or give a smaller cfl",
