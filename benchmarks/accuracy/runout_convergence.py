@@ -57,7 +57,7 @@ IN_SAND = (1 / 16, 1 / 32, 1 / 64, 1 / 128, 1 / 256)
 """Cells of the columns of sand. The front, 5 % of the height, is three cells thick on 1/64 in the lower one."""
 BLOCKS = "whether one block more lets go moves the front by metres, and rounding decides it"
 ROUNDING = "whose front of 95 % counts a film a grain thick, and which rounding moves by as much as the last halving"
-BANDS = "bands 2.4 m thick take cells of 0.5 m, as in the section; the next halving in 3D would take a day"
+BANDS = "bands 2.4 m thick take cells of 0.5 m, as in the section; the next halving in 3D takes a core a day"
 CASES = {
     "section_1.2": Case(
         (2, 1, 0.5, 0.25, 0.125), 1.0, lambda c: of_scene("section", c, reduction=1.2, changes=LONG_TOE).row()

@@ -62,6 +62,16 @@ def test_pinned_versions_are_those_that_the_package_allows(kind):
             assert wanted.specifier.contains(version.version)
 
 
+def test_kernels_are_compiled_with_the_headers_of_the_oldest_jax():
+    """A newer runtime takes them, an older one does not: with JAX 0.11.2 those of jaxlib 0.12 stopped every run."""
+    (headers,) = [r for r in map(Requirement, PROJECT["build-system"]["requires"]) if r.name == "jaxlib"]
+    (jax,) = [r for r in map(Requirement, PROJECT["project"]["dependencies"]) if r.name == "jax"]
+    oldest = next(each.version for each in jax.specifier if each.operator == ">=")
+    major, minor = map(int, oldest.split("."))
+    assert headers.specifier.contains(f"{oldest}.0")
+    assert not headers.specifier.contains(f"{major}.{minor + 1}.0")
+
+
 def test_the_command_on_the_path_is_there():
     module, name = PROJECT["project"]["scripts"]["jaxmpm"].split(":")
     assert getattr(import_module(module), name) is main
