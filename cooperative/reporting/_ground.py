@@ -99,8 +99,8 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
         bodies[f"{drawn.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
     figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
     text = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
-    parts = [page.heading(campaign.name, 1), interactive.script(), interactive.html(figure, "ground")]
-    return page.document(campaign.name, [*parts, page.paragraph(text)])
+    parts = [page.heading(campaign.name, 1), interactive.html(figure, "ground"), page.paragraph(text)]
+    return page.document(campaign.name, [*parts, interactive.script()])
 
 
 def _layered(model: GridModel) -> list[Mesh3d]:

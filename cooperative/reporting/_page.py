@@ -43,8 +43,6 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
     def shown(*names: str) -> str:
         return interactive.figures(each for each in drawn if each.name.startswith(names))
 
-    if points:
-        yield interactive.script()
     yield heading(summary.name, 1)
     yield from answer(results)
     missing = without_slides(summary)
@@ -80,6 +78,8 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
     yield heading("Scene")
     scene = "\n".join(short(line, 400) for line in results.store.source.words.strip().splitlines())
     yield f"<pre>{escape(scene)}</pre>"
+    if points:
+        yield interactive.script()
 
 
 def answer(results: Results) -> Iterator[str]:
