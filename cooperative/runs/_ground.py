@@ -140,8 +140,8 @@ class StoredGround:
 
     @property
     def middle(self) -> float:
-        """Half way along y (m); 0 in a section."""
-        return self.corner[1] + self.extent[1] / 2 if self.dimension == 3 else 0.0
+        """y (m) with half of the soil's particles on each side; 0 in a section."""
+        return float(np.median(self.grids["refined"].position[1])) if self.dimension == 3 else 0.0
 
 
 _STORED = TypeAdapter(StoredGround)

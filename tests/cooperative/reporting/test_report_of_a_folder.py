@@ -226,6 +226,18 @@ def test_the_ground_that_a_folder_keeps_is_that_of_the_grids(tmp_path, solid):
     assert (tmp_path / "ground.h5.damaged").exists()
 
 
+def test_the_section_goes_through_the_middle_of_the_soil():
+    """Not of the ground, where a scar under rock that crops out may have none."""
+    stored = runs.ground_of(models_of(parse(SOLID)))
+    fine = stored.grids["refined"]
+    assert stored.middle == stored.corner[1] + stored.extent[1] / 2
+    behind = fine.position[1] < stored.corner[1] + stored.extent[1] / 4
+    scar = replace(fine, position=fine.position[:, behind])
+    part = replace(stored, grids={"refined": scar})
+    assert plots.plane_at(scar, part.middle).sum() > 20
+    assert not plots.plane_at(fine, part.middle)[~behind].any()
+
+
 def test_a_figure_that_cannot_be_written_is_named_and_leaves_the_old_one(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
     before = (folder / "figures" / "ranked.png").read_bytes()
