@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 
 from benchmarks.accuracy.runout_slides import (
     LONG_TOE,
@@ -154,7 +155,7 @@ def draw(rows: list[Row], folder: Path) -> None:
     for number, (name, mine) in enumerate(of_case.items()):
         names = [each for each in RUN_OUTS if each in mine[-1]]
         error = [max(abs(row[each] / mine[-1][each] - 1) for each in names) for row in mine[:-1]]
-        style = {"marker": "os^Dv*"[number % 6], "color": f"C{number % 10}", "label": name, "ms": 4}
+        style = {"marker": "os^Dv*"[number % 6], "color": colormaps["tab20"](number), "label": name, "ms": 4}
         if CASES[name].obstacle is not None:
             style |= {"linestyle": ":"}
         left.loglog([row["cell_m"] / CASES[name].default for row in mine[:-1]], error, **style)
