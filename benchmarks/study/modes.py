@@ -89,7 +89,8 @@ def modes(rows: Rows) -> Iterator[Line]:
         pooled, mine = rough_shares(rows, SWEEP, group), slides.of_mode(*group)
         cause = (
             f"the published share pools all correlation lengths ({printed} of some {pool} failures); "
-            f"pooled here, on the calibrated rough grid, it is {pooled.value:.2f}; it depends on a rule that is not printed"
+            f"pooled here, on the calibrated rough grid, it is {pooled.value:.2f}; "
+            "it depends on a rule that is not printed"
         )
         answer = share_of(mine, slides, spent, f"{slides.words}; {mine.sum()} {what}")
         yield Line(f"share of {what} failures", f"share_{'_or_'.join(group)}", printed / pool, answer, cause)
