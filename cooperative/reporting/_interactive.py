@@ -81,8 +81,8 @@ def html(figure: Figure, name: str) -> str:
         figure: of Plotly.
         name: of its element.
     """
-    place = f'<div id="{name}" class="plotly-graph-div" style="height: {figure.layout.height}px"></div>'
-    return f'{place}\n<script type="application/json">{figure.to_json()}</script>'
+    element = f'<div id="{name}" class="plotly-graph-div" style="height: {figure.layout.height}px"></div>'
+    return f'{element}\n<script type="application/json">{figure.to_json()}</script>'
 
 
 def stairs(curves: Mapping[str, Exceedance], labels: Mapping[str, str], up: str) -> Figure:
