@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
+from matplotlib.colors import TABLEAU_COLORS
 
 from benchmarks.accuracy.runout_slides import (
     LONG_TOE,
@@ -87,6 +87,7 @@ CASES = {
     "slope_3d_1.2": Case((2, 1, 0.5), 2.0, lambda c: half_slope(c).row(), BANDS),
 }
 RUN_OUTS = ("front_m", "front_95_m")
+COLOURS = (*TABLEAU_COLORS, "black")
 
 
 def timed(case: Case, cell: float) -> Row:
@@ -155,7 +156,7 @@ def draw(rows: list[Row], folder: Path) -> None:
     for number, (name, mine) in enumerate(of_case.items()):
         names = [each for each in RUN_OUTS if each in mine[-1]]
         error = [max(abs(row[each] / mine[-1][each] - 1) for each in names) for row in mine[:-1]]
-        style = {"marker": "os^Dv*"[number % 6], "color": colormaps["tab20"](number), "label": name, "ms": 4}
+        style = {"marker": "os^Dv*"[number % 6], "color": COLOURS[number], "label": name, "ms": 4}
         if CASES[name].obstacle is not None:
             style |= {"linestyle": ":"}
         left.loglog([row["cell_m"] / CASES[name].default for row in mine[:-1]], error, **style)
