@@ -88,6 +88,8 @@ class Scene:
         wall_friction: friction coefficient of walls with friction.
         wall_cohesion: cohesion of walls with friction (Pa); None for none.
         wall_pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
+        wall_softening: (2,) share of their friction and cohesion that slip leaves, and the slip (m) over which they
+            fall to it; None for none.
         water: a `WaterTable` or `WaterSurface`; stress is then effective stress. None for none.
         pore_pressure: (N,) Pa, constant on each particle; stress is then effective stress. None without pore pressure,
             or for undrained soil in total stress.
@@ -127,6 +129,7 @@ class Scene:
     cut: Array | None = None
     base: RigidBase | None = None
     free_field: FreeField | None = None
+    wall_softening: Array | None = None
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),
@@ -136,6 +139,7 @@ class Scene:
         "wall_friction": from_zero(),
         "wall_cohesion": from_zero("Pa"),
         "wall_pressure": from_zero("Pa"),
+        "wall_softening": from_zero(),
     }
 
 

@@ -55,5 +55,6 @@ def on_soil(
             "friction, with length = inf along each axis where it is random"
         )
     assert friction is not None
-    shape = replace(cast(Section | Terrain, site.shape), interface=Interface(friction, table.interface.cohesion))
+    interface = interface_of(table.interface.model_copy(update={"friction": friction}))
+    shape = replace(cast(Section | Terrain, site.shape), interface=interface)
     return replace(site, shape=shape, contact_of_soil=field is not None)

@@ -44,6 +44,7 @@ class Nodal(NamedTuple):
         area: (nodes,) area of soil on a wall or the base (m2), at their nodes; None if they do not need it.
         history_change: (nodes, leaves) average change of the history in the step before; None if it is not averaged.
         beyond: action of the free field; None without.
+        unsoftened: (nodes,) share of the strength of walls and the base that slip has left; None if it takes none.
     """
 
     mass: Array
@@ -53,6 +54,7 @@ class Nodal(NamedTuple):
     area: Array | None = None
     history_change: Array | None = None
     beyond: Beyond | None = None
+    unsoftened: Array | None = None
 
 
 class GridMotion(NamedTuple):
@@ -70,13 +72,15 @@ class GridMotion(NamedTuple):
 def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool = True) -> Nodal:
     """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
     particles, grid = scene.particles, scene.grid
-    volume, area, average = particles.volume * state.volume_ratio, None, None
+    volume, area, average, unsoftened = particles.volume * state.volume_ratio, None, None, None
     averaged = [] if scene.nonlocal_passes is None else jax.tree.leaves(state.unaveraged)
     weighed = jnp.stack([particles.mass, *(particles.mass * change for change in averaged)])
     carried = [weighed, momentum(scene, state, maps.position)]
     external = external_force(scene, maps.position, state.step * dt)
     if external is not None:
         carried.append(external)
+    if scene.wall_softening is not None:
+        carried.insert(0, (particles.mass * left_by_slip(scene.wall_softening, state.displacement))[None])
     if bonded(scene):
         carried.insert(0, particles.volume[None])  # without the gaps of soil that has opened, which bear nothing
     nodal = maps.to_all_nodes(
@@ -86,8 +90,11 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     blocks = jnp.split(nodal, ends, axis=1)
     if bonded(scene):
         area = area_covered(scene, maps.fold(blocks.pop(0))[:, 0])
+    left = None if scene.wall_softening is None else maps.fold(blocks.pop(0))[:, 0]
     sums, moving, *forces = blocks
     sums = maps.fold(sums)
+    if left is not None:
+        unsoftened = left * reciprocal(scene, sums[:, 0])
     if scene.nonlocal_passes is not None:
         average = maps.nodal_average(sums, scene.nonlocal_passes)
     mass = tensors.spread(sums[:, :1], grid.dimension, axis=1)
@@ -98,7 +105,27 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         per_mass=reciprocal(scene, hold(scene, mass, math.inf)),
         area=area,
         history_change=average,
+        unsoftened=unsoftened,
     )
+
+
+def left_by_slip(softening: Array, displacement: Array) -> Array:
+    """Share of the strength of the base that is left under soil, which falls linearly with its slip.
+
+    The slip is the displacement of the soil next to the base. So it goes with the soil, and soil that comes to fresh
+    ground finds no fresh strength there.
+
+    Source: Palmer and Rice (1973), doi:10.1098/rspa.1973.0040 (strength of a slip surface that falls with slip).
+
+    Args:
+        softening: (2,) share that slip leaves at the end, and the slip (m) over which the strength falls to it.
+        displacement: (d, N) m.
+
+    Returns:
+        (N,).
+    """
+    residual, length = softening
+    return 1 - (1 - residual) * jnp.minimum(tensors.safe_sqrt(jnp.sum(displacement**2, axis=0)) / length, 1)
 
 
 def external_force(scene: Scene, position: Array, time: Array) -> Array | None:
@@ -170,7 +197,7 @@ def area_covered(scene: Scene, volume: Array) -> Array:
 def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Array], Array]:
     """Largest change of velocity along walls with friction, as a function of the velocity into them.
 
-    It is Coulomb friction of the contact pressure minus the water's, and cohesion.
+    It is Coulomb friction of the contact pressure minus the water's, and cohesion, as far as slip has left them.
 
     Args:
         scene: with wall_friction.
@@ -183,8 +210,15 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
     """
     friction = scene.wall_friction
     assert friction is not None
+
+    def left(region: Region | None, strength: Array) -> Array:
+        share = nodal.unsoftened
+        if share is None:
+            return strength
+        return strength * (share if region is None else share.reshape(scene.grid.shape)[region])
+
     if nodal.area is None:
-        return lambda region, push: friction * push
+        return lambda region, push: left(region, friction) * push
     rate = dt * nodal.area * reciprocal(scene, nodal.mass[:, 0])
     zero = jnp.zeros_like(rate)
     water = zero if scene.wall_pressure is None else rate * scene.wall_pressure
@@ -192,7 +226,8 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
 
     def largest(region: Region | None, push: Array) -> Array:
         lost, bond = (each if region is None else each.reshape(scene.grid.shape)[region] for each in (water, cohesion))
-        return jnp.where(push > 0, friction * jnp.maximum(push - lost, 0) + bond, 0)
+        strength = left(region, friction) * jnp.maximum(push - lost, 0) + left(region, bond)
+        return jnp.where(push > 0, strength, 0)
 
     return largest
 

@@ -78,6 +78,7 @@ def boundary_of_base(
             friction=math.tan(math.radians(interface.friction)),
             cohesion=interface.cohesion or None,
             pressure=pressure,
+            softening=None if interface.slip_length is None else (interface.residual_ratio, interface.slip_length),
         )
     if bedrock is None:
         return boundary

@@ -11,6 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from foundation import check
+from foundation.check import Limit
 from foundation.text import shown
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
@@ -75,10 +76,16 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
             f"wall_friction = {friction} with walls of {sorted({wall.hold for wall in walls})}: give it with, and only "
             "with, walls of 'friction' or a base"
         )
-    if not rough and (boundary.cohesion is not None or boundary.pressure is not None):
-        raise ValueError("wall_cohesion or wall_pressure without walls of 'friction' or a base: leave them out")
+    if not rough and any(each is not None for each in (boundary.cohesion, boundary.pressure, boundary.softening)):
+        raise ValueError(
+            "cohesion, pressure or softening of walls without walls of 'friction' or a base: leave them out"
+        )
     if friction is not None:
         check.not_negative("wall_friction", friction)
+    if boundary.softening is not None:
+        residual, slip = boundary.softening
+        check.within("softening's share", residual, Limit(least=0, most=1))
+        check.positive("softening's slip", slip, "m")
     nodes, pressure, cut, base = (grid.nodes,), boundary.pressure, boundary.cut, boundary.base
     if pressure is not None and np.shape(pressure) != nodes:
         raise ValueError(f"wall_pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")

@@ -29,6 +29,8 @@ class Boundary:
         cut: (nodes,) bool, nodes at which nothing moves; None if walls are all.
         base: rigid ground of any shape, with the friction, cohesion and water pressure of walls with friction; None for
             none.
+        softening: share of that friction and cohesion which slip leaves, and the slip (m) over which they fall to it;
+            None for none.
     """
 
     walls: Sequence[Wall] = ()
@@ -38,6 +40,7 @@ class Boundary:
     tied: tuple[int, int] | None = None
     cut: ArrayLike | None = None
     base: RigidBase | None = None
+    softening: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -129,6 +129,7 @@ def scene(
         wall_friction=None if boundary.friction is None else number(boundary.friction),
         wall_cohesion=None if boundary.cohesion is None else number(boundary.cohesion),
         wall_pressure=None if boundary.pressure is None else number(boundary.pressure),
+        wall_softening=None if boundary.softening is None else number(np.array(boundary.softening)),
         water=jax.tree.map(number, loads.water),
         pore_pressure=None if loads.pore_pressure is None else number(loads.pore_pressure),
         motion=jax.tree.map(number, loads.motion),

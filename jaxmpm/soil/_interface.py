@@ -5,24 +5,36 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from foundation import check
-from jaxmpm.soil._limits import ANGLE
+from jaxmpm.soil._limits import LIMITS
 
 
 @dataclass(frozen=True)
 class Interface:
     """Strength of the contact between soil and the rigid base: for sliding on rock, or on a seam thinner than a cell.
 
-    Strength reduction divides both numbers, as those of the soil.
+    Strength reduction divides friction and cohesion, as those of the soil.
 
     Args:
         friction: degrees.
         cohesion: Pa.
+        residual_ratio: share of tan(friction) and of cohesion that slip leaves; 1 without softening.
+        slip_length: slip over which they fall to it, linearly (m); None without softening.
     """
 
     friction: float
     cohesion: float = 0.0
+    residual_ratio: float = 1.0
+    slip_length: float | None = None
 
     def check(self) -> None:
         """Raise ValueError for a strength that is impossible for a contact."""
-        check.within("the interface's friction", self.friction, ANGLE)
+        check.within("the interface's friction", self.friction, LIMITS["friction"])
         check.not_negative("the interface's cohesion", self.cohesion, "Pa")
+        check.within("the interface's residual_ratio", self.residual_ratio, LIMITS["residual_ratio"])
+        if (self.residual_ratio == 1) != (self.slip_length is None):
+            raise ValueError(
+                f"the interface has residual_ratio = {self.residual_ratio:g} and slip_length = {self.slip_length}: "
+                "give both, the ratio below 1, or none of them"
+            )
+        if self.slip_length is not None:
+            check.positive("the interface's slip_length", self.slip_length, "m")

@@ -57,6 +57,12 @@ class Interface(Table):
         units="degrees",
     )
     cohesion: Annotated[float, Within(soil_limits()["cohesion"])] = key("Cohesion.", 0.0, 0.0)
+    residual_ratio: Annotated[float, Within(soil_limits()["residual_ratio"])] = key(
+        "Share of tan(friction) and of cohesion that slip leaves. Below 1 give `slip_length` too.", 0.5, 1.0
+    )
+    slip_length: Annotated[float, Within(Limit(above=0, unit="m"))] | None = key(
+        "Slip over which both fall to that share, linearly.", 0.3, None, units="m", otherwise="none: no softening"
+    )
 
 
 CONTACT = key(

@@ -68,6 +68,17 @@ def test_a_friction_that_does_not_vary_is_that_of_the_contact_too():
     assert not campaign.site.contact_of_soil
 
 
+def test_the_friction_of_the_soil_falls_with_slip_where_the_contact_softens():
+    softening = ", residual_ratio = 0.4, slip_length = 0.25"
+    model, coefficients = model_of(SCENE.replace('"soil" }', f'"soil"{softening} }}'))
+    assert model.campaign.site.shape.interface.slip_length == 0.25
+    scene, _ = model.of_sample(coefficients[0])
+    np.testing.assert_allclose(scene.wall_softening, [0.4, 0.25])
+    assert read(model.campaign).site == model.campaign.site
+    with pytest.raises(ValueError, match=r"residual_ratio = 0\.4 and slip_length = None: give both"):
+        parse(SCENE.replace('"soil" }', "20.0, residual_ratio = 0.4 }"))
+
+
 COHESION = "cohesion = { mean = 1e3, cov = 0.2, length = [inf, inf] }\n"
 
 

@@ -41,13 +41,25 @@ def on_an_incline(angle, cell, interface, *, end=0.6):
     start = jnp.asarray(np.stack([stress[0, 0], 0 * pressed, stress[1, 1], stress[0, 1]]), state.stress.dtype)
     final = mpm.solve(scene, replace(state, stress=start), t_end=end).raise_if_failed().state
     displacement = np.asarray(final.displacement, float).mean(axis=1)
-    return displacement @ along, displacement @ normal, max(pull - held, 0.0) * end**2 / 2
+    exact = max(pull - held, 0.0) * end**2 / 2
+    if interface.slip_length is not None:
+        growth = held * (1 - interface.residual_ratio) / interface.slip_length
+        exact = (pull - held) / growth * (math.cosh(math.sqrt(growth) * end) - 1)
+        assert exact < interface.slip_length
+    return displacement @ along, displacement @ normal, exact
 
 
-CONTACTS = {"smooth": mpm.Interface(0.0), "rough": mpm.Interface(16.0), "sticky": mpm.Interface(0.0, 5e3)}
+CONTACTS = {
+    "smooth": mpm.Interface(0.0),
+    "rough": mpm.Interface(16.0),
+    "sticky": mpm.Interface(0.0, 5e3),
+    "softening": mpm.Interface(16.0, residual_ratio=0.2, slip_length=0.5),
+}
 
 
-@pytest.mark.parametrize(("contact", "error"), [("smooth", 0.005), ("rough", 0.005), ("sticky", 0.02)])
+@pytest.mark.parametrize(
+    ("contact", "error"), [("smooth", 0.005), ("rough", 0.005), ("sticky", 0.02), ("softening", 0.005)]
+)
 def test_a_block_slides_down_an_incline_across_the_cells(contact, error):
     along, away, exact = on_an_incline(26.565, 0.25, CONTACTS[contact])
     assert along == pytest.approx(exact, rel=error)

@@ -3,12 +3,15 @@
 import math
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxmpm as mpm
 from jaxmpm.run._strength_reduction import reductions
+from tests.differences import check_run
+from tests.jaxmpm.step.test_absent import count, program
 
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5), flip=0.9)
 STIFF = mpm.FrictionalSoil(200e3, 30.0, unit_weight=20e3, young=2e7)
@@ -38,6 +41,48 @@ def test_a_layer_without_end_slides_from_its_factor_of_safety_on(interface, k_h,
     stands, slides = np.asarray(result.state.displacement[:, 0]).mean(axis=1)
     assert abs(stands) < 1e-5
     assert np.isclose(slides, 0.5 * k_h * 9.81 * (1 - 1 / 1.25), rtol=0.01)
+
+
+SOFTENING = {
+    "friction": (mpm.Interface(20.0, residual_ratio=0.25, slip_length=0.4), 0.4, {}),
+    "cohesion": (mpm.Interface(0.0, 24e3, residual_ratio=0.0, slip_length=0.2), 0.33, {}),
+    "both, under water": (mpm.Interface(20.0, 8e3, residual_ratio=0.5, slip_length=0.3), 0.4, {"r_u": 0.3}),
+}
+
+
+@pytest.mark.parametrize(("interface", "k_h", "water"), SOFTENING.values(), ids=SOFTENING)
+@pytest.mark.parametrize("scheme", mpm.Scheme)
+def test_a_layer_on_a_base_that_softens_runs_away_as_the_closed_form(interface, k_h, water, scheme):
+    """u'' = a + (R - r R) u / L up to the slip L, from rest; after it u'' is constant."""
+    shape = mpm.Section([(0, HEIGHT), (4, HEIGHT)], interface=interface)
+    numerics = replace(HALVES, scheme=scheme, cfl=0.5)
+    rigid = replace(STIFF, young=4e8)  # the shear strain of the layer would add some per cent
+    scene, state = mpm.section(shape, rigid, numerics, k_h=k_h, ends="tied", **water)
+    weight = STIFF.unit_weight * HEIGHT
+    pressed = (1 - water.get("r_u", 0.0)) * weight
+    held = 9.81 * (interface.cohesion + pressed * math.tan(math.radians(interface.friction))) / weight
+    start, growth = k_h * 9.81 - held, held * (1 - interface.residual_ratio) / interface.slip_length
+    reached = math.acosh(1 + interface.slip_length * growth / start) / math.sqrt(growth)
+    for t_end in (0.8 * reached, 1.4 * reached):
+        final = mpm.solve(scene, state, t_end=t_end).raise_if_failed().state
+        time = float(scene.time_step) * int(final.step)
+        within = min(time, reached)
+        exact = start / growth * (math.cosh(math.sqrt(growth) * within) - 1)
+        speed = start / math.sqrt(growth) * math.sinh(math.sqrt(growth) * within)
+        beyond = time - within
+        exact += speed * beyond + 0.5 * (k_h * 9.81 - held * interface.residual_ratio) * beyond**2
+        assert float(np.mean(final.displacement[0])) == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.usefixtures("x64")
+def test_gradients_by_the_softening_of_a_base_are_those_of_differences_and_engines_and_lanes_agree():
+    scene, state = layer(SOFTENING["both, under water"][0], 0.4, r_u=0.3)
+
+    def travel(scene, residual, length):
+        softened = replace(scene, wall_softening=jnp.stack([residual, length]))
+        return jnp.sum(mpm.advance(softened, state, 150).displacement[0] ** 2)
+
+    check_run(travel, scene, (0.5, 0.05), (1e-6, 1e-7), 1e-4)
 
 
 @pytest.mark.parametrize("opened", [1.5, 3.0])
@@ -90,13 +135,24 @@ def test_only_cohesion_and_water_map_the_area_of_soil_on_a_base():
     assert (plain.wall_friction, plain.wall_cohesion, plain.wall_pressure) == (None, None, None)
     assert (rubbed.wall_cohesion, rubbed.wall_pressure, stuck.wall_pressure) == (None, None, None)
     assert stuck.wall_cohesion.shape == ()
+    assert plain.wall_softening is rubbed.wall_softening is stuck.wall_softening is None
     pressure = layer(mpm.Interface(20.0), 0.2, r_u=0.25)[0].wall_pressure
     assert np.allclose(pressure, 0.25 * STIFF.unit_weight * HEIGHT)
+
+
+def test_a_base_softens_in_the_program_only_if_asked():
+    firm, soft = (layer(each, 0.2) for each in (mpm.Interface(20.0), SOFTENING["friction"][0]))
+    assert len(jax.tree.leaves(soft[0])) == len(jax.tree.leaves(firm[0])) + 1
+    assert count(program(*soft), "sqrt") == count(program(*firm), "sqrt") + 1
 
 
 REFUSED = [
     ({"interface": mpm.Interface(61.0)}, "the interface's friction = 61"),
     ({"interface": mpm.Interface(20.0, -1.0)}, "the interface's cohesion = -1 Pa"),
+    ({"interface": mpm.Interface(20.0, residual_ratio=1.2, slip_length=1.0)}, "the interface's residual_ratio = 1.2"),
+    ({"interface": mpm.Interface(20.0, residual_ratio=0.5, slip_length=0.0)}, "the interface's slip_length = 0 m"),
+    ({"interface": mpm.Interface(20.0, residual_ratio=0.5)}, "residual_ratio = 0.5 and slip_length = None: give both"),
+    ({"interface": mpm.Interface(20.0, slip_length=0.5)}, "residual_ratio = 1 and slip_length = 0.5: give both"),
 ]
 
 
