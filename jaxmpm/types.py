@@ -123,13 +123,13 @@ class Scene:
     wall_friction: Array | None = None
     wall_cohesion: Array | None = None
     wall_pressure: Array | None = None
+    wall_softening: Array | None = None
     water: Water | None = None
     pore_pressure: Array | None = None
     motion: Motion | None = None
     cut: Array | None = None
     base: RigidBase | None = None
     free_field: FreeField | None = None
-    wall_softening: Array | None = None
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),
