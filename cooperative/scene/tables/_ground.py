@@ -58,11 +58,13 @@ class Interface(Table):
     )
     cohesion: Annotated[float, Within(soil_limits()["cohesion"])] = key("Cohesion.", 0.0, 0.0)
     residual_ratio: Annotated[float, Within(soil_limits()["residual_ratio"])] = key(
-        "Share of tan(friction) and of cohesion that slip leaves. Below 1 give `slip_length` too.", 0.5, 1.0
-    )
+        "Share of tan(friction) and of cohesion that slip leaves. Below 1 give `slip_length` too.", 0.5, 1.0,
+        synonyms="residual residual_strength",
+    )  # fmt: skip
     slip_length: Annotated[float, Within(Limit(above=0, unit="m"))] | None = key(
-        "Slip over which both fall to that share, linearly.", 0.3, None, units="m", otherwise="none: no softening"
-    )
+        "Slip over which both fall to that share, linearly.", 0.3, None, units="m", otherwise="none: no softening",
+        synonyms="slip_weakening_distance softening_length slip",
+    )  # fmt: skip
 
 
 CONTACT = key(
