@@ -56,14 +56,23 @@ def installed() -> bool:
 
 
 DRAW = """
-const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (each) => each.charCodeAt(0));
-new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text().then((text) => {
+const figures = document.querySelectorAll("script[type='application/json']");
+async function draw() {
+  const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (each) => each.charCodeAt(0));
+  const plain = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const text = await new Response(plain).text();
   document.head.append(Object.assign(document.createElement("script"), { text }));
   const config = { displaylogo: false, responsive: true };
-  for (const each of document.querySelectorAll("script[type='application/json']"))
+  for (const each of figures)
     Plotly.newPlot(each.previousElementSibling, { ...JSON.parse(each.textContent), config });
+}
+draw().catch(() => {
+  for (const each of figures)
+    if (each.nextElementSibling?.matches("noscript"))
+      each.previousElementSibling.outerHTML = each.nextElementSibling.textContent;
 });
 """
+"""Draws the figures of a page by Plotly; browsers that cannot unpack it show those for browsers without scripts."""
 
 
 def script() -> str:

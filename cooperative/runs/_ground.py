@@ -140,7 +140,7 @@ class StoredGround:
 
     @property
     def middle(self) -> float:
-        """Where half of the soil's particles lie on each side along y (m); 0 in a section."""
+        """Where half of the particles lie on each side along y (m); 0 in a section."""
         return float(np.median(self.grids["refined"].position[1])) if self.dimension == 3 else 0.0
 
 

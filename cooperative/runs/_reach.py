@@ -41,7 +41,7 @@ def reach_of(campaign: Campaign) -> Reach | None:
     All soil behind the toe and above its level slides out, and ends with the profile of soil at yield on a level base,
     h = h_0 sqrt(1 - x / L). The potential energy that it loses is the work of its residual strength at its base along
     the way of its centre: cohesion on the mean of both lengths, friction on the weight. Within the slide none is lost,
-    so that slides end earlier. Of several layers the weakest counts. A water table is left out.
+    so that slides end earlier. Of several layers and an interface the weakest counts. A water table is left out.
 
     Sources: Heim (1932), Bergsturz und Menschenleben (energy line of the centre); Liu and Mei (1989),
     doi:10.1017/S0022112089002685 (profile).
@@ -65,6 +65,11 @@ def reach_of(campaign: Campaign) -> Reach | None:
         cohesion, friction = _residual(soil, peak)
         if cohesion or friction:
             ways.append(run_out(height, behind, factor * cohesion / soil.unit_weight, factor * friction * drained))
+    contact = getattr(shape, "interface", None)
+    if contact is not None:
+        left = factor * contact.residual_ratio
+        friction = left * math.tan(math.radians(contact.friction)) * drained
+        ways += [run_out(height, behind, left * contact.cohesion / soil.unit_weight, friction) for soil in soils]
     ground = shape.corner[0] + shape.extent[0] - shape.face.toe_x
     return Reach(max(ways), ground) if ways else None
 

@@ -265,6 +265,9 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
         yield f"{', '.join(thin)} is thinner than its cells resolve, and too strong there: take smaller cells"
     if not higher and any(soil.softens for soil in soils if hasattr(soil, "softens")):
         yield "soil softens in the solver, while limit equilibrium has its peak strength on the whole surface"
+    contact = getattr(site.shape, "interface", None)
+    if not higher and contact is not None and contact.slip_length is not None:
+        yield "the interface softens in the solver, while limit equilibrium has its strength before slip"
     if not higher and any(getattr(soil, "friction", None) and not getattr(soil, "dilation", 0.0) for soil in soils):
         yield "the solver's soil does not dilate by its friction angle, which limit equilibrium takes no account of"
     assert result.equilibrium is not None

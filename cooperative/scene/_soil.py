@@ -67,10 +67,10 @@ def soils_of(
     """
     if not scene.unusual:
         ask("[run] gravity", "gravity", scene.run.gravity)
-        if scene.ground is not None and scene.ground.interface is not None:
-            for name, value in scene.ground.interface:
+        for part, ground in (("ground", scene.ground), ("terrain", scene.terrain)):
+            for name, value in (ground and ground.interface) or ():
                 if isinstance(value, float):
-                    ask(f"[ground.interface] {name}", name, value)
+                    ask(f"[{part}.interface] {name}", name, value)
     soil, random = None, cast(Mapping[str, RandomField], {})
     if scene.soil is not None and not (scene.layer and _kind(_of_scene(scene)) is None):
         table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})

@@ -112,8 +112,9 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
 def left_by_slip(softening: Array, displacement: Array) -> Array:
     """Share of the strength of the base that is left under soil, which falls linearly with its slip.
 
-    The slip is the displacement of the soil next to the base. So it goes with the soil, and soil that comes to fresh
-    ground finds no fresh strength there.
+    The slip is the displacement of the soil next to the base from the start. So it goes with the soil, and soil that
+    comes to fresh ground finds no fresh strength there. Soil that slides back would regain strength: `scene` refuses
+    the shaking that does this to it.
 
     Source: Palmer and Rice (1973), doi:10.1098/rspa.1973.0040 (strength of a slip surface that falls with slip).
 

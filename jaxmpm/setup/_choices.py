@@ -84,8 +84,8 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
         check.not_negative("wall_friction", friction)
     if boundary.softening is not None:
         residual, slip = boundary.softening
-        check.within("softening's share", residual, Limit(least=0, most=1))
-        check.positive("softening's slip", slip, "m")
+        check.within("softening[0], the share that slip leaves,", residual, Limit(least=0, most=1))
+        check.positive("softening[1], the slip,", slip, "m")
     nodes, pressure, cut, base = (grid.nodes,), boundary.pressure, boundary.cut, boundary.base
     if pressure is not None and np.shape(pressure) != nodes:
         raise ValueError(f"wall_pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")

@@ -100,6 +100,11 @@ def scene(
     length = numerics.internal_length
     if boundary.tied is not None:
         check_tied(boundary.tied, grid, particles, boundary.walls, length)
+    if loads.motion is not None and boundary.softening is not None:
+        raise ValueError(
+            "motion of the base, with a contact that softens by its displacement, which shaking takes back: give the "
+            "contact the strength that slip leaves, without residual_ratio and slip_length"
+        )
     if loads.water is not None or loads.pore_pressure is not None:
         check_water(loads.water, loads.pore_pressure, material, particles)
     if length is not None and material.initial_history(particles) is None:

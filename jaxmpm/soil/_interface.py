@@ -18,7 +18,8 @@ class Interface:
         friction: degrees.
         cohesion: Pa.
         residual_ratio: share of tan(friction) and of cohesion that slip leaves; 1 without softening.
-        slip_length: slip over which they fall to it, linearly (m); None without softening.
+        slip_length: slip over which they fall to it, linearly (m); None without softening. Slip is the displacement
+            from the start of the soil next to the base.
     """
 
     friction: float
@@ -34,7 +35,7 @@ class Interface:
         if (self.residual_ratio == 1) != (self.slip_length is None):
             raise ValueError(
                 f"the interface has residual_ratio = {self.residual_ratio:g} and slip_length = {self.slip_length}: "
-                "give both, the ratio below 1, or none of them"
+                "give both, the ratio below 1, or neither"
             )
         if self.slip_length is not None:
             check.positive("the interface's slip_length", self.slip_length, "m")

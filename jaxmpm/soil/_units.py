@@ -47,10 +47,11 @@ PLAUSIBLE: Mapping[str, Plausible] = MappingProxyType(
         "residual_friction": Plausible("degrees", 1.6, _DEGREES),
         "strain_95": Plausible(most=5.0, above=_SHARE),
         "softening_strain": Plausible(most=5.0, above=_SHARE),
+        "slip_length": Plausible("m", most=20.0, above="were mm meant?"),
         "gravity": Plausible("m/s2", 0.1, "were multiples of 9.81 m/s2 meant?", 30.0, "were cm/s2 meant?"),
     }
 )
-"""By parameter of the soil, and gravity."""
+"""By parameter of the soil and of its contact, and gravity."""
 
 
 def unit_slip(name: str, value: float, plausible: Plausible | None = None) -> str | None:

@@ -147,6 +147,17 @@ def test_without_scripts_every_figure_is_there(browser, pages, name):
     context.close()
 
 
+def test_a_browser_that_cannot_unpack_the_script_shows_every_figure(browser, pages):
+    context = browser.new_context()
+    context.add_init_script("delete window.DecompressionStream")
+    shown = context.new_page()
+    shown.goto(pages["section"].as_uri())
+    shown.wait_for_timeout(500)
+    drawn = shown.locator("figure svg[role=img]")
+    assert drawn.count() == shown.locator("figure").count() > 8
+    context.close()
+
+
 @pytest.mark.parametrize("colours", ["light", "dark"])
 def test_the_page_prints_on_white(opened, colours):
     shown = opened("section", 1200, colours)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ import pytest
 from cooperative.runs import reach_of
 from cooperative.runs._reach import run_out
 from cooperative.scene import example, parse
+from tests.scenes import tables
 
 DEMO = example("demo")
 
@@ -51,3 +53,29 @@ def test_the_ground_of_a_scene_is_held_against_the_run_out_of_its_residual_stren
     assert weaker is not None
     assert weaker.slide > reach.slide > 0
     assert weaker.short
+
+
+WEDGE = """
+[ground]
+surface = [[0, 10], [20, 10], [40, 0], [80, 0]]
+base = -2.0
+toe = 40.0
+%s
+[soil]
+unit_weight = 20e3
+young = 5e7
+poisson = 0.3
+cohesion = 2e3
+friction = { mean = 30.0, cov = 0.1, length = [20.0, 2.0] }
+"""
+
+
+def test_a_weak_contact_lets_a_slide_go_farther_and_farther_once_it_softens():
+    def slide(contact=None):
+        given = "" if contact is None else f"interface = {{ {contact} }}"
+        return reach_of(parse(WEDGE % given + tables(1.0))).slide
+
+    softened = slide("friction = 12.0, residual_ratio = 0.5, slip_length = 0.2")
+    assert slide() == slide("friction = 40.0") < slide("friction = 12.0") < softened
+    half = math.degrees(math.atan(math.tan(math.radians(12.0)) / 2))
+    assert softened == pytest.approx(slide(f"friction = {half}"))

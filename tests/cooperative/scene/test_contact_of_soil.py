@@ -77,6 +77,8 @@ def test_the_friction_of_the_soil_falls_with_slip_where_the_contact_softens():
     assert read(model.campaign).site == model.campaign.site
     with pytest.raises(ValueError, match=r"residual_ratio = 0\.4 and slip_length = None: give both"):
         parse(SCENE.replace('"soil" }', "20.0, residual_ratio = 0.4 }"))
+    with pytest.raises(ValueError, match=r"\[ground.interface\] slip_length = 300 m, above 20 m: were mm meant"):
+        parse(SCENE.replace('"soil" }', "20.0, residual_ratio = 0.4, slip_length = 300.0 }"))
 
 
 COHESION = "cohesion = { mean = 1e3, cov = 0.2, length = [inf, inf] }\n"

@@ -146,6 +146,13 @@ def test_a_base_softens_in_the_program_only_if_asked():
     assert count(program(*soft), "sqrt") == count(program(*firm), "sqrt") + 1
 
 
+def test_a_base_that_softens_is_not_shaken():
+    """Its slip is the displacement, which shaking takes back."""
+    record = mpm.BaseMotion(jnp.stack([jnp.sin(jnp.linspace(0.0, 6.0, 200)), jnp.zeros(200)]), jnp.asarray(0.01))
+    with pytest.raises(ValueError, match="motion of the base, with a contact that softens"):
+        layer(SOFTENING["friction"][0], 0.0, motion=record)
+
+
 REFUSED = [
     ({"interface": mpm.Interface(61.0)}, "the interface's friction = 61"),
     ({"interface": mpm.Interface(20.0, -1.0)}, "the interface's cohesion = -1 Pa"),
