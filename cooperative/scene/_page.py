@@ -89,7 +89,7 @@ def _allowed(table: type[tables.Table], name: str, schema: tables.Schema) -> str
     if inner is None or "$ref" not in schema:
         return tables.wanted(schema)
     keys = tables.schema_of(inner)["properties"].items()
-    return "a table: " + ", ".join(f"`{key}` {tables.wanted(each)} ({_unit(each) or '-'})" for key, each in keys)
+    return "a table: " + "; ".join(f"`{key}` {tables.wanted(each)} ({_unit(each) or '-'})" for key, each in keys)
 
 
 def _row(name: str, schema: tables.Schema, allowed: str, *, required: bool) -> str:
