@@ -43,7 +43,7 @@ def row_of(name: str, assumption: str, changes: Mapping[str, object]) -> Row:
     if float(sample.row["displacement"]) <= campaign.run.failure_displacement or sample.row["broke_off"]:
         return head
     (quantities,) = measured(campaign, "rough", KNOWN[name].crest, [sample])
-    return head | {quantity: round(value, 1) for quantity, value in quantities.items()}
+    return head | {quantity: round(value, 1) for quantity, value in quantities.items() if quantity != "change"}
 
 
 def run(quick: bool) -> Report:

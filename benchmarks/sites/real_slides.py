@@ -8,8 +8,12 @@ grid, and the slip surface on terrain became a contact; each scene names its own
 rough grid where there is none yet; `grid` names which, `slides` counts them. `rough_low` and `rough_high` are of the
 failures on the rough grid. `hit`: the surveyed value lies within an interval whose ends differ by no more than a factor
 of 3. `score` is the interval score over the surveyed value, smaller is better; `corominas_score` that of the empirical
-relation, which has the travel distance alone. Campaigns stay in out/real_slides; the next command goes on where one was
-stopped, and one that was stopped counts with the samples that it has. `--quick` runs the spread on coarse cells.
+relation, which has the travel distance alone. Where the change of heights was surveyed, stations along the run-out line
+have rows of their own (`benchmarks.sites.real_profile`): `profile_within` is the share of stations whose change lies in
+the interval, `profile_width` the mean width of these intervals over the mean surveyed change, and `profile_misplaced`
+the share of the volume that lies elsewhere than surveyed, in the median slide and in the nearest. Campaigns stay in
+out/real_slides; the next command goes on where one was stopped, and one that was stopped counts with the samples that
+it has. `--quick` runs the spread on coarse cells.
 """
 
 from __future__ import annotations
@@ -19,11 +23,14 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.measure import ROOT, Report
+from benchmarks.sites.real_profile import draw, in_stations, misplaced, stations, surveyed
 from benchmarks.sites.real_surveys import KNOWN, MISS, Known, corominas, holds, interval_score
 from cooperative import run as run_campaign
 from cooperative.folder import read_results
@@ -39,19 +46,24 @@ class Slid:
     """Failures of a campaign on one grid.
 
     Args:
-        quantities: by name, one value for each failure (n,).
+        quantities: by name, one value for each failure (n,), or one for each station (n, stations).
         weight: what each stands for (n,).
     """
 
     quantities: Mapping[str, np.ndarray]
     weight: np.ndarray
 
+    def quantiles(self, quantity: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weighted quantiles of some failures: lower end of the interval, median, upper end."""
+        levels, values = (MISS / 2, 0.5, 1 - MISS / 2), self.quantities[quantity]
+        low, median, high = np.quantile(values, levels, axis=0, weights=self.weight, method="inverted_cdf")
+        return low, median, high
+
     def ends(self, quantity: str) -> tuple[float, float, float] | tuple[None, None, None]:
-        """Weighted quantiles: lower end of the interval, median, upper end; None where nothing failed."""
+        """The quantiles as numbers; None where nothing failed."""
         if not self.weight.size:
             return None, None, None
-        levels, values = (MISS / 2, 0.5, 1 - MISS / 2), self.quantities[quantity]
-        low, median, high = np.quantile(values, levels, weights=self.weight, method="inverted_cdf").tolist()
+        low, median, high = map(float, self.quantiles(quantity))
         return low, median, high
 
 
@@ -79,8 +91,8 @@ class Compared:
     published: str
 
 
-def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterable[Sample]) -> list[dict[str, float]]:
-    """The quantities of slides.
+def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterable[Sample]) -> list[dict[str, Any]]:
+    """The quantities of slides, and in 3D the change of volume in the stations of the run-out line (stations,) m3.
 
     Args:
         campaign: of the slides.
@@ -95,10 +107,13 @@ def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterab
     for sample in samples:
         displacement, runout = np.asarray(sample.fields["displacement"], float), float(sample.row["runout"])
         slid = np.linalg.norm(displacement, axis=0) >= campaign.run.failure_displacement
-        row = {"runout": runout, "volume": float(sample.row["volume"])}
+        row: dict[str, Any] = {"runout": runout, "volume": float(sample.row["volume"])}
         if track is not None:  # run-out is counted from the rear of the mass
-            start, end = (track.along(each[:2, slid])[0] for each in (position, position + displacement))
+            places = [each[:2] for each in (position, position + displacement)]
+            start, end = (track.along(each[:, slid])[0] for each in places)
             row |= {"travel": runout, "centre": float(np.average(end - start, weights=volume[slid]))}
+            before, after = (in_stations(track, each, volume) for each in places)
+            row["change"] = after - before
         elif face is not None and crest is not None:
             rear = float(position[0, slid].min()) - half
             highest = [float(each[-1].max()) for each in (position, position + displacement)]
@@ -164,6 +179,24 @@ def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Comp
     return rows
 
 
+def profile(name: str, known: Known, failures: Mapping[str, Slid]) -> tuple[list[dict[str, Any]], dict[str, float]]:
+    """The stations of a slide whose change of heights was surveyed, and their named figures; none for another."""
+    slid, track = failures["refined"], parse(read_scene(SCENES / f"{name}.toml")).site.track
+    if known.change is None or track is None or not slid.weight.size:
+        return [], {}
+    survey = surveyed(track, SCENES / known.change)
+    low, median, high = slid.quantiles("change")
+    rows = stations(name, survey, (low, median, high))
+    elsewhere = misplaced(survey, slid.quantities["change"])
+    figures = {
+        "profile_within": np.mean([row["within"] for row in rows]),
+        "profile_width": (high - low).mean() / np.abs(survey).mean(),
+        "profile_misplaced": np.quantile(elsewhere, 0.5, weights=slid.weight, method="inverted_cdf"),
+        "profile_misplaced_least": elsewhere.min(),
+    }
+    return rows, {name: round(float(value), 3) for name, value in figures.items()}
+
+
 def summarised(rows: list[Compared]) -> dict[str, float | int | None]:
     """The named figures. A quantity without a slide counts as missed; scores are of those that have one."""
     scored = [(row, row.score) for row in rows if row.score is not None]
@@ -196,6 +229,8 @@ def scene_of(name: str, quick: bool) -> Campaign:
 def run(quick: bool) -> Report:
     """All slides, as far as they come; those that were stopped go on with the next command."""
     rows: list[Compared] = []
+    along: list[dict[str, Any]] = []
+    figures: dict[str, float] = {}
     stopped = False
     with tempfile.TemporaryDirectory() as scratch:
         base = Path(scratch) if quick else ROOT / "out" / "real_slides"
@@ -207,8 +242,12 @@ def run(quick: bool) -> Report:
                 print(why, file=sys.stderr)
                 stopped = True
             if (base / name / "samples").is_dir():
-                rows += compared(name, KNOWN[name], slides(name, base / name))
-    return Report(summarised(rows), [rounded(row) for row in rows])
+                failures = slides(name, base / name)
+                rows += compared(name, KNOWN[name], failures)
+                more, named = profile(name, KNOWN[name], failures)
+                along, figures = along + more, figures | named
+    drawing = partial(draw, along) if along else None
+    return Report(summarised(rows) | figures, [rounded(row) for row in rows] + along, drawing)
 
 
 def rounded(row: Compared) -> dict[str, str | float | None]:

@@ -64,12 +64,14 @@ class Known:
         crest: x of the crest of a section (m), None in 3D.
         fall: from its crown to where it came to rest (m), None where its travel was not surveyed.
         volume: for the empirical relation (m3), likewise.
+        change: name of the file with its surveyed change of heights, None where there is none.
     """
 
     surveys: Mapping[str, Survey]
     crest: float | None
     fall: float | None
     volume: float | None
+    change: str | None = None
 
 
 def _known() -> Mapping[str, Known]:
@@ -81,6 +83,7 @@ def _known() -> Mapping[str, Known]:
             slide.get("crest"),
             slide.get("fall"),
             slide.get("volume"),
+            slide.get("change"),
         )
         for name, slide in slides.items()
     }
