@@ -10,7 +10,7 @@ import numpy as np
 from cooperative.estimate import Subset, SubsetPlan
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._fields import RandomField
-from jaxmpm import Raster, ground
+from jaxmpm import FrictionalSoil, Raster, ground
 
 TOP = 0.95
 """Share of the height of the ground from which on an element at risk stands at the crest."""
@@ -54,6 +54,7 @@ def remarks(campaign: Campaign) -> Iterator[str]:
     yield from _unresolved(fields, campaign.refined.cell)
     yield from _of_levels(campaign)
     yield from _of_dilation(campaign)
+    yield from _of_gaps(campaign)
     rows = {(name, *row): row for name, varies in fields for row in varies.boreholes or ()}
     above = [key for key, row in rows.items() if row[-2] > float(np.max(shape.heights(*np.array(row[:-2])[:, None])))]
     if above:
@@ -90,6 +91,18 @@ def _of_dilation(campaign: Campaign) -> Iterator[str]:
                 "shears, and in a long slide energy with it; give softening_strain, by which dilation ends, or leave "
                 "dilation out where run-out counts"
             )
+
+
+def _of_gaps(campaign: Campaign) -> Iterator[str]:
+    """Soil with friction and without cohesion that forgets how far it has opened."""
+    for soil in [each.layer.soil for each in campaign.site.layers] or [campaign.soil]:
+        if isinstance(soil, FrictionalSoil) and soil.cohesion == 0 and soil.tension_cutoff is None:
+            yield (
+                f"cohesion = 0 with friction = {soil.friction:g} degrees and without tension_cutoff: soil that opens "
+                "forgets its gap, and grains of a long slide are thrown out of the grid or outrun the time step; where "
+                "run-out counts give tension_cutoff = 0, which takes no strength from soil without cohesion"
+            )
+            return
 
 
 def _unresolved(fields: Iterable[tuple[str, RandomField]], cell: float) -> Iterator[str]:

@@ -71,7 +71,8 @@ _ADVICE = {
     Status.OUTSIDE_GRID: "a particle has left the grid: enlarge the domain, put a wall there, or give the grid more "
     "`air` above the ground",
     Status.INVERTED: "a particle's volume is no longer positive: refine the grid, or lower the CFL number",
-    Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`",
+    Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`,"
+    " or give soil without cohesion `tension_cutoff=0`, by which opened grains remember their gap",
     Status.BAD_PARAMETER: "a number of its scene, for example its strength at a particle, is not finite or beyond its "
     "limit, its softening snaps back, or its residual is above its peak: check the distribution of its samples",
 }

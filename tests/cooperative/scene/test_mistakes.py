@@ -62,6 +62,19 @@ def test_a_correlation_length_of_less_than_two_cells_is_remarked():
     )
 
 
+def test_soil_without_cohesion_that_forgets_its_gap_is_remarked():
+    dry = DEMO[: DEMO.index("[soil]")] + SAND.replace("friction = 30.0\n", "cohesion = 0.0\n")
+    field = FIELD.replace("[soil.cohesion]\nmean = 20e3", "[soil.friction]\nmean = 30.0").replace(
+        "cov = 0.2", "cov = 0.1"
+    )
+    [remark] = remarks(parse(dry + field))
+    assert remark.startswith(
+        "cohesion = 0 with friction = 30 degrees and without tension_cutoff: soil that opens forgets"
+    )
+    assert not list(remarks(parse(dry + "tension_cutoff = 0.0\n" + field)))
+    assert not list(remarks(parse(dry.replace("cohesion = 0.0", "cohesion = 1e3") + field)))
+
+
 def test_dilation_without_an_end_and_small_levels_are_remarked():
     sand = DEMO[: DEMO.index("[soil]")] + SAND
     assert not any("dilation" in each for each in remarks(parse(sand + "dilation = 0.0\n" + FIELD)))
