@@ -96,6 +96,7 @@ def test_the_rough_grid_alone_is_calibrated(tmp_path):
     assert calibration.factor == calibration.refined / calibration.rough
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_answer(done, tmp_path):
     summary = run(COARSER, tmp_path, workers=2)
     assert summary.probability_of_failure == done[1].probability_of_failure

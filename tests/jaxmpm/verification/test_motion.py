@@ -287,8 +287,9 @@ def test_walls_with_friction_on_both_sides_of_an_axis_mirror_each_other(axis):
 def test_lanes_and_gradient_in_a_box_of_walls_with_friction():
     scene, state = in_a_box_of_walls_with_friction((3.0, 4.0, -9.81))
 
-    def reached(friction, steps=300):
-        final, _ = mpm.replay(replace(scene, wall_friction=friction), state, steps)
+    @jax.jit
+    def reached(friction):
+        final, _ = mpm.replay(replace(scene, wall_friction=friction), state, 300)
         return jnp.mean(jnp.sum(final.displacement**2, axis=0))
 
     friction, h = jnp.asarray([0.1, 0.3, 0.6]), 1e-6
