@@ -109,10 +109,10 @@ def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterab
         slid = np.linalg.norm(displacement, axis=0) >= campaign.run.failure_displacement
         row: dict[str, Any] = {"runout": runout, "volume": float(sample.row["volume"])}
         if track is not None:  # run-out is counted from the rear of the mass
-            places = [each[:2] for each in (position, position + displacement)]
-            start, end = (track.along(each[:, slid])[0] for each in places)
+            ends = [each[:2] for each in (position, position + displacement)]
+            start, end = (track.along(each[:, slid])[0] for each in ends)
             row |= {"travel": runout, "centre": float(np.average(end - start, weights=volume[slid]))}
-            before, after = (in_stations(track, each, volume) for each in places)
+            before, after = (in_stations(track, each, volume) for each in ends)
             row["change"] = after - before
         elif face is not None and crest is not None:
             rear = float(position[0, slid].min()) - half

@@ -15,9 +15,9 @@ LINE = Track(((0.0, 0.0), (1000.0, 0.0)))
 
 def test_volume_stands_in_the_station_of_the_nearest_point_of_the_line():
     x = np.array([-80.0, 10.0, 49.0, 51.0, 1200.0])
-    found = in_stations(LINE, np.array([x, 30 * np.ones(5)]), np.array([1.0, 2.0, 4.0, 8.0, 16.0]))
-    assert found[[0, 1, -1]].tolist() == [7.0, 8.0, 16.0]
-    assert found.sum() == 31.0
+    volume = in_stations(LINE, np.array([x, 30 * np.ones(5)]), np.array([1.0, 2.0, 4.0, 8.0, 16.0]))
+    assert volume[[0, 1, -1]].tolist() == [7.0, 8.0, 16.0]
+    assert volume.sum() == 31.0
 
 
 def test_the_survey_loses_what_the_published_raster_loses():
