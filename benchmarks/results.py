@@ -46,6 +46,7 @@ SHORT = {
     "fields": "accuracy",
     "estimators": "statistics",
     "nested": "statistics",
+    "sweeps": "statistics",
     "hazard": "statistics",
     "gradients": "speed",
     "rare_events": "statistics",

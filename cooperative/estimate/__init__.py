@@ -1,7 +1,7 @@
 """Estimators, one class each: which runs they want, probability of failure, weights; shares and fits beside."""
 
 from cooperative.estimate._audit import AuditPlan
-from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Subset, TwoPhase, named_estimator
+from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Audited, Subset, TwoPhase, named_estimator
 from cooperative.estimate._effect_values import CutOff, Effects, Element, ModeShare, Risk, Spread
 from cooperative.estimate._effects import effects_of
 from cooperative.estimate._estimates import (
@@ -18,7 +18,7 @@ from cooperative.estimate._formulas import as_answers, control_variate, monte_ca
 from cooperative.estimate._fragility import Curve, fit_fragility
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
 from cooperative.estimate._nested import draw_samples
-from cooperative.estimate._paired import Difference, by_sample, covariance_of, paired_difference
+from cooperative.estimate._paired import Difference, by_sample, covariance_of, paired_difference, unit_of
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides, slide_order, zone_weights
 from cooperative.estimate._plain import ControlVariate, MonteCarlo, Published, SceneSamples
 from cooperative.estimate._protocol import (
@@ -28,10 +28,12 @@ from cooperative.estimate._protocol import (
     Population,
     Sampling,
     Screened,
+    SharedAudit,
     Zone,
     all_samples,
 )
 from cooperative.estimate._ranking import Correlation, correlation, next_refined, rank_samples, stopping_rank
+from cooperative.estimate._shared import shared_audit
 from cooperative.estimate._subset import SubsetPlan, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 
@@ -43,6 +45,7 @@ __all__ = [
     "SETTINGS",
     "Answers",
     "AuditPlan",
+    "Audited",
     "Chances",
     "ControlVariate",
     "Correlation",
@@ -67,6 +70,7 @@ __all__ = [
     "SceneSamples",
     "Screened",
     "Severity",
+    "SharedAudit",
     "Slides",
     "Spread",
     "Subset",
@@ -98,11 +102,13 @@ __all__ = [
     "rank_samples",
     "sample_weights",
     "severity_ranking",
+    "shared_audit",
     "shares",
     "slide_order",
     "stopping_rank",
     "subset_simulation",
     "two_phase",
+    "unit_of",
     "wilson_interval",
     "with_variance",
     "zone_weights",

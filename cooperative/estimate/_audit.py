@@ -193,6 +193,8 @@ def draw_wave(
     known: np.ndarray,
     size: int,
     floor: float,
+    doubt: np.ndarray | None = None,
+    order: np.ndarray | None = None,
 ) -> Wave:
     """Draw up to `size` unknown ranks one after another, none twice.
 
@@ -203,12 +205,17 @@ def draw_wave(
         known: (N,).
         size: most draws.
         floor: share of even draws.
+        doubt: of each rank (N,), None for that of the model.
+        order: sample of each rank (N,), where the draws are to be those of samples whatever their rank.
     """
     unknown = np.flatnonzero(~known)
-    doubt = weight[unknown] * np.sqrt(model[unknown] * (1 - model[unknown]))
-    share = (1 - floor) * doubt / doubt.sum() + floor / unknown.size
+    doubt = weight * np.sqrt(model * (1 - model)) if doubt is None else doubt
+    share = (1 - floor) * doubt[unknown] / doubt[unknown].sum() + floor / unknown.size
     # Exponential arrival times with these rates come in the order of successive draws.
-    arrival = generator.exponential(size=unknown.size) / share
+    if order is None:
+        arrival = generator.exponential(size=unknown.size) / share
+    else:
+        arrival = generator.exponential(size=order.size)[order][unknown] / share
     size = min(size, unknown.size)
     first = np.argpartition(arrival, size - 1)[:size]
     first = first[np.argsort(arrival[first])]
@@ -240,13 +247,20 @@ def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
     return Surprise(drawn, failed, expected)
 
 
-def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray) -> float:
-    """Share of the next wave's draws that is spread evenly over all that is unknown."""
+def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray, *, shared: bool = False) -> float:
+    """Share of the next wave's draws that is spread evenly over all that is unknown.
+
+    Args:
+        plan: of the audit.
+        waves: complete ones.
+        outcome: 0, 1 or nan by rank (N,).
+        shared: whether other campaigns make the same draws, which do not depend on the outcome of one.
+    """
     if plan.proving == 0:
         return plan.floor
     drawn = sum(wave.ranks.size for wave in waves)
     share = plan.proving / (plan.proving + drawn)
-    return max(share, 0.5 if surprise(waves, outcome).misled else plan.floor)
+    return max(share, 0.5 if not shared and surprise(waves, outcome).misled else plan.floor)
 
 
 def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, weight: np.ndarray, level: float) -> float:

@@ -40,6 +40,8 @@ class Audited(Budgeted):
 
     def audit(self, population: Population) -> AuditPlan:
         """Budget and waves of the refined runs; no ranked prefix, which costs more than it brings."""
+        if population.shared is not None and population.shared.runs is not None:
+            return AuditPlan(population.shared.runs, self.seed, growth=self.growth, proving=self.proving)
         return AuditPlan(
             self.budget(population.size), self.seed, target_cov=self.target_cov, growth=self.growth,
             proving=self.proving,
@@ -49,11 +51,18 @@ class Audited(Budgeted):
         """The rest of the wave; nothing once a target alone is seen to be out of reach."""
         audit = self.audit(population)
         asked = [sample for sample in next_audit(population, answers, audit) if sample not in under_way]
-        if asked and self.target_cov is not None and self.refined_runs is None:
+        if asked and audit.target_cov is not None and self.refined_runs is None:
             estimate = two_phase(population, answers, audit)
-            if estimate.refined_runs >= usual_budget(population.size) and out_of_reach(estimate, self.target_cov):
+            if estimate.refined_runs >= usual_budget(population.size) and out_of_reach(estimate, audit.target_cov):
                 return []
         return asked
+
+    def why_finished(self, population: Population, answers: Answers) -> str | None:
+        """As for any budget; in a sweep with a target, that the base's runs are made."""
+        why = super().why_finished(population, answers)
+        if why is not None and population.shared is not None and population.shared.runs is not None:
+            return "the refined runs that the base of the sweep took are made"
+        return why
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """From the complete waves."""

@@ -41,6 +41,7 @@ class Sampling:
         rough_samples: of these, how many run on the rough grid, drawn by their displacement on a coarser one; None
             where all do.
         zones: what each of these stands for, by number; None where all run.
+        shared: the audit that campaigns of the same samples have in common, None for one of its own.
     """
 
     samples: int
@@ -50,6 +51,22 @@ class Sampling:
     draw: Callable[[], np.ndarray] = _no_field
     rough_samples: int | None = None
     zones: Mapping[int, Zone] | None = None
+    shared: SharedAudit | None = None
+
+
+@dataclass(frozen=True)
+class SharedAudit:
+    """What the audits of several campaigns of the same samples have in common, see `shared_audit`.
+
+    Args:
+        doubt: of each sample (samples,), to which its chance of a draw is proportional, but for the even share.
+        certain: samples that run refined without a draw: their rough run broke off in one campaign or another.
+        runs: refined runs of the audit in all, where another campaign decides it; None where the estimator does.
+    """
+
+    doubt: tuple[float, ...]
+    certain: tuple[int, ...] = ()
+    runs: int | None = None
 
 
 @dataclass(frozen=True)
@@ -84,6 +101,7 @@ class Population:
         number: (N,) int, of each sample in the campaign, 0 to N - 1 if None.
         failure_displacement: beyond which a sample has failed (m).
         zones: what each stands for of the samples of a coarser grid (N,), None where there is none.
+        shared: the audit that campaigns of the same samples have in common, None for one of its own.
     """
 
     rough_displacement: np.ndarray
@@ -93,6 +111,7 @@ class Population:
     number: np.ndarray | None = None
     failure_displacement: float = 1.0
     zones: tuple[Zone, ...] | None = None
+    shared: SharedAudit | None = None
 
     @property
     def size(self) -> int:
@@ -235,4 +254,5 @@ def all_samples(sampling: Sampling, screened: Screened) -> Population | None:
         number=number,
         failure_displacement=sampling.failure_displacement,
         zones=zones,
+        shared=sampling.shared,
     )

@@ -168,6 +168,10 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     there = np.array([answer != "missing" for answer in results])
     value = np.array([np.nan if answer in (None, "missing") else float(answer) for answer in results])
     certain, missing = certainty_stratum(refined, plan, order, lost)
+    shared, doubt, of_samples = population.shared, None, None
+    if shared is not None:
+        doubt, of_samples = np.asarray(shared.doubt)[population.numbers[order]], order
+        certain = np.union1d(certain, np.flatnonzero(np.isin(population.numbers[order], shared.certain)))
     missing = np.union1d(missing, certain[~there[certain]])
     known = there & np.isin(np.arange(count), certain)
     waves: list[Wave] = []
@@ -186,8 +190,11 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     so_far = state()
     while not missing.size and so_far.share.size < most and rest > SPENT and len(waves) != most_waves:
         left = most - so_far.share.size
-        floor, size = even_share(plan, waves, so_far.outcome), min(plan.wave(so_far.share.size), left)
-        wave = draw_wave(generator, so_far.model, weight=weight, known=known, size=size, floor=floor)
+        floor = even_share(plan, waves, so_far.outcome, shared=shared is not None)
+        size = min(plan.wave(so_far.share.size), left)
+        wave = draw_wave(
+            generator, so_far.model, weight=weight, known=known, size=size, floor=floor, doubt=doubt, order=of_samples
+        )
         share = _wave_share(population, so_far, plan, wave, rest, left)
         wave = replace(wave, ranks=wave.ranks[: share.size], probability=wave.probability[: share.size])
         missing = wave.ranks[~there[wave.ranks]]

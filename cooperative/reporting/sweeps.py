@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from html import escape
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.estimate import Curve, Difference
+from cooperative.estimate import Curve, Difference, Element
 from cooperative.measure import SEVERITY
+from cooperative.reporting import _interactive as interactive
+from cooperative.reporting import _sentences as sentences
 from cooperative.reporting._charts import tiled
+from cooperative.reporting._interactive import Drawn
+from cooperative.reporting._page import document, heading, headline, paragraph
+from cooperative.reporting._page import table as html_table
+from cooperative.reporting._sentences import Cell
 from cooperative.values import Summary
 from foundation.text import csv_text
 
@@ -35,6 +42,8 @@ PATHS = {
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLES = dict(zip(SEVERITY, (("#D55E00", "o"), ("#CC79A7", "s"), ("#0072B2", "^"), ("#009E73", "v")), strict=True))
 PEAK = "peak acceleration [g]"
+BASE = "base"
+"""Campaign of the scene as it is."""
 RECORDS = "records"
 """Name of the curve of all records together."""
 OF_SUMMARY = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
@@ -65,16 +74,25 @@ class Point:
     def as_json(self) -> dict[str, object]:
         """What `sweep.json` has of it."""
         fields = self.summary.as_json()
-        displaced = self.displacement
+        displaced, change = self.displacement, self.difference
         return {
             "value": self.value,
             "campaign": self.campaign,
             "probability": self.summary.probability_of_failure,
             **{name: fields[name] for name in OF_SUMMARY},
-            "difference": None if self.difference is None else asdict(self.difference),
+            "difference": None if change is None else {**asdict(change), "resolved": change.resolved},
             "displacement": None if displaced is None else dict(zip(("median", "ninety"), displaced, strict=True)),
             "peak": self.peak,
+            "elements_at_risk": {
+                name: None if element is None else {**asdict(element.reached), "loss": _loss(element)}
+                for name, element in self.summary.elements_at_risk.items()
+            },
         }
+
+
+def _loss(element: Element) -> float | None:
+    """Expected loss at an element at risk, None where the scene gives it no value."""
+    return None if element.loss is None else element.loss.expected
 
 
 Parameters = Mapping[str, Sequence[Point]]
@@ -102,53 +120,72 @@ COLUMNS = (
     "difference",
     "difference_low",
     "difference_high",
+    "difference_resolved",
     "displacement_median_m",
     "displacement_90_m",
     "samples",
     "refined_runs",
     "campaign",
 )
-"""Of `sweep.csv`, a row for each value of each parameter; what a value does not have is empty."""
+"""Of `sweep.csv`, a row for the base and for each value of each parameter; what a value does not have is empty.
+
+Behind them stands the probability that slides reach each element at risk, by its name."""
 
 
-def table(parameters: Parameters) -> str:
+def table(base: Point, parameters: Parameters) -> str:
     """The points of a sweep as CSV.
 
     Args:
+        base: the scene as it is.
         parameters: points of `sweep.json` by parameter.
     """
-    rows: list[Sequence[object]] = [COLUMNS]
-    for name, points in parameters.items():
+    elements = list(base.summary.elements_at_risk)
+    rows: list[Sequence[object]] = [[*COLUMNS, *(f"reached_{name}" for name in elements)]]
+    for name, points in {BASE: [base], **parameters}.items():
         for point in points:
             change, summary = point.difference, point.summary
-            compared = ("", "", "") if change is None else (change.difference, *change.interval)
+            compared = ("", "", "", "") if change is None else (change.difference, *change.interval, change.resolved)
             answer = summary.probability_of_failure, *summary.interval
             counts = summary.samples, summary.refined_runs, point.campaign
-            rows.append([name, point.value, point.peak, *answer, *compared, *(point.displacement or ("", "")), *counts])
+            places = [summary.elements_at_risk.get(each) for each in elements]
+            reached = ["" if each is None else each.reached.probability for each in places]
+            displaced = point.displacement or ("", "")
+            rows.append([name, point.value, point.peak, *answer, *compared, *displaced, *counts, *reached])
     return csv_text(rows)
 
 
-def in_words(parameters: Parameters, fragility: Fragility) -> str:
+def in_words(base: Point, parameters: Parameters, fragility: Fragility) -> str:
     """A sweep for a terminal: P_f and its difference to the base at each value, and the fitted curves.
 
     Args:
+        base: the scene as it is.
         parameters: points of `sweep.json` by parameter.
         fragility: its curves by parameter, the likelier first.
     """
-    lines = []
+    lines = [_point(base)]
     for name, points in parameters.items():
-        lines.append(name)
-        for point in points:
-            value = point.value if isinstance(point.value, str) else f"{point.value:g}"
-            summary, change = point.summary, point.difference
-            line = f"  {value:<12} P_f {summary.probability_of_failure:.3g} {_limits(summary.interval)}"
-            if change is not None:
-                line += f", {change.difference:+.3g} {_limits(change.interval)} to the base"
-            lines.append(line)
+        lines += [name, *map(_point, points)]
         lines += [_line(curve) for curve in fragility.get(name, ())[:1]]
     if RECORDS in fragility:
         lines += [f"all records, {PEAK}", _line(fragility[RECORDS][0])]
     return "\n".join(lines)
+
+
+def _point(point: Point) -> str:
+    """P_f at a value, and its difference to the base."""
+    summary, change = point.summary, point.difference
+    line = f"  {_value(point):<12} P_f {summary.probability_of_failure:.3g} {_limits(summary.interval)}"
+    if change is not None:
+        line += f", {change.difference:+.3g} {_limits(change.interval)} to the base{_unresolved(change)}"
+    return line
+
+
+def _value(point: Point) -> str:
+    return point.value if isinstance(point.value, str) else f"{point.value:g}"
+
+
+def _unresolved(change: Difference) -> str:
+    return "" if change.resolved else ", sign not resolved"
 
 
 def _line(curve: Curve) -> str:
@@ -162,14 +199,106 @@ def _limits(interval: Sequence[float]) -> str:
     return f"({interval[0]:.3g} to {interval[1]:.3g})"
 
 
-def probabilities(parameters: Parameters) -> Figure:
+def drawn(base: Point, parameters: Parameters, fragility: Fragility) -> Iterator[Drawn]:
+    """The figures of a sweep, those that there are data for.
+
+    Args:
+        base: the scene as it is.
+        parameters: points of `sweep.json` by parameter.
+        fragility: its curves by parameter, the likelier first.
+    """
+    yield Drawn(
+        "probability",
+        "Probability of failure with its interval. The dashed line is the base, the scene as it is.",
+        probabilities(parameters, base),
+    )
+    compared = {name: rows for name, rows in parameters.items() if any(row.difference for row in rows)}
+    if compared:
+        yield Drawn(
+            "difference",
+            "Difference of the probability of failure to the base, of the same samples and the same refined runs.",
+            differences(compared),
+        )
+    if fragility:
+        yield Drawn("fragility", "Fragility curves with their bands.", fragility_curves(parameters, fragility))
+    if compared:
+        caption = "Largest displacement of the samples on the rough grid."
+        yield Drawn("displacement", caption, displacements(compared))
+    yield Drawn("modes", "Share of each mode among the failures.", mode_ratios(parameters))
+
+
+def page(base: Point, parameters: Parameters, figures: Sequence[Drawn], scene: str) -> str:
+    """The page of a sweep: P_f of the base, what each value changes, elements at risk, figures, scene.
+
+    Args:
+        base: the scene as it is.
+        parameters: points of `sweep.json` by parameter.
+        figures: as `drawn` gives them.
+        scene: its text.
+    """
+    return document(base.summary.name, _parts(base, parameters, figures, scene))
+
+
+def _parts(base: Point, parameters: Parameters, figures: Sequence[Drawn], scene: str) -> Iterator[str]:
+    summary = base.summary
+    level = f"{summary.level:.0%} interval"
+    yield heading(summary.name, 1)
+    yield headline(
+        "As the scene is, the slope fails with probability",
+        f"{summary.probability_of_failure:.3g}",
+        f"({level} {sentences.limits(summary.interval)}).",
+    )
+    yield paragraph(
+        "Each row below changes one value of the scene. All campaigns have the same random samples and refine the same "
+        "of them, so a difference to the base is sharper than the two probabilities. Where its interval holds 0, the "
+        "runs do not tell whether the change raises or lowers the probability of failure."
+    )
+    yield html_table(
+        ["parameter", "value", "probability of failure", level, "difference to the base", level, "sign"],
+        [_cells(name, point) for name, point in _rows(base, parameters)],
+    )
+    if summary.elements_at_risk:
+        yield heading("Elements at risk")
+        yield html_table(
+            ["parameter", "value", "element", "probability of being reached", level, "expected loss"],
+            [
+                [name, _value(point), place, element.reached.probability, sentences.limits(element.reached.interval),
+                 _loss(element)]
+                for name, point in _rows(base, parameters)
+                for place, element in point.summary.elements_at_risk.items() if element is not None
+            ],
+        )  # fmt: skip
+    yield interactive.figures(figures)
+    yield heading("Scene")
+    yield f"<pre>{escape(scene)}</pre>"
+
+
+def _rows(base: Point, parameters: Parameters) -> Iterator[tuple[str, Point]]:
+    """Name of the parameter and point, the base first."""
+    yield BASE, base
+    yield from ((name, point) for name, points in parameters.items() for point in points)
+
+
+def _cells(name: str, point: Point) -> list[Cell]:
+    summary, change = point.summary, point.difference
+    answer: list[Cell] = [name, _value(point), summary.probability_of_failure, sentences.limits(summary.interval)]
+    if change is None:
+        return [*answer, None, None, None]
+    sign = ("higher" if change.difference > 0 else "lower") if change.resolved else "not resolved"
+    return [*answer, change.difference, sentences.limits(change.interval), sign]
+
+
+def probabilities(parameters: Parameters, base: Point | None = None) -> Figure:
     """P_f with its interval against each parameter, one panel each.
 
     Args:
         parameters: points of `sweep.json` by parameter.
+        base: the scene as it is, a dashed line in each panel.
     """
     figure, panels = _by_parameter(parameters, P_F)
     for ax, rows in panels:
+        if base is not None:
+            ax.axhline(base.summary.probability_of_failure, color="0.4", lw=1.0, ls="--")
         _chances(ax, [row.value for row in rows], rows, COLOURS[0])
         ax.set_ylim(bottom=0)
     return figure

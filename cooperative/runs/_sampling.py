@@ -47,6 +47,7 @@ def sampling_of(campaign: Campaign, zones: Mapping[int, Zone] | None = None) -> 
         draw=lambda: coefficients_of(campaign, random_soil(campaign)),
         rough_samples=campaign.plan.rough_samples,
         zones=zones,
+        shared=campaign.measured.shared,
     )
 
 

@@ -10,6 +10,7 @@ from cooperative.scene._measured import (
     limit_load_factor,
     measure,
     measure_limit_load,
+    write_measured,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._remarks import remarks
@@ -84,4 +85,5 @@ __all__ = [
     "with_measured_of_base",
     "write_budget",
     "write_example",
+    "write_measured",
 ]

@@ -11,6 +11,9 @@ Limit load: a displacement of 1 m is no failure where soil does not soften; such
 again. At its limit load the displacement of the slope of median soil turns upwards with the reduction factor, or jumps.
 The geometric mean of its displacements a little below and above that factor is the failure displacement of all samples,
 so that this slope's factor of safety by displacement is that of its limit load.
+
+Shared audit: campaigns of a sweep refine the same samples (`cooperative.estimate.shared_audit`), drawn by the rough
+results of all.
 """
 
 from __future__ import annotations
@@ -66,8 +69,7 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
     """
 
     def stored(measured: Measured) -> Campaign:
-        known = {name: value for name, value in asdict(measured).items() if value is not None}
-        write_aside(folder / NAME, json.dumps(known).encode())
+        write_measured(folder, measured)
         return replace(campaign, measured=measured)
 
     if campaign.measured.terms is None:
@@ -78,6 +80,20 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
     if campaign.plan.calibrate and campaign.measured.calibration is None:
         campaign = stored(replace(campaign.measured, calibration=factors_of_safety(campaign, grids)))
     return campaign
+
+
+def write_measured(folder: Path, measured: Measured) -> None:
+    """Keep what a campaign has measured in its folder.
+
+    Args:
+        folder: of the campaign.
+        measured: all of it.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    known = {name: value for name, value in asdict(measured).items() if value is not None}
+    write_aside(folder / NAME, json.dumps(known).encode())
 
 
 def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:

@@ -204,6 +204,7 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
     """
     asked = {
         "terms": True,
+        "shared": True,
         "calibration": campaign.plan.calibrate,
         "limit_load": campaign.run.failure == "limit load",
     }

@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Strict, computed_field
 from pydantic import model_validator as validates
 from pydantic.dataclasses import dataclass
 
+from cooperative.estimate import SharedAudit
 from cooperative.scene.tables._key import AboveZero, Length, Several, Table, key
 
 CONFIG = ConfigDict(extra="forbid")
@@ -57,11 +58,13 @@ class Measured:
         terms: number of terms of each expansion of the random soil, in the order of `runs.RandomSoil.groups`.
         calibration: factors of safety of both grids.
         limit_load: where failure counts from it.
+        shared: the audit that it has in common with the other campaigns of a sweep.
     """
 
     terms: Terms | None = None
     calibration: Calibration | None = None
     limit_load: LimitLoad | None = None
+    shared: SharedAudit | None = None
 
 
 MOST_RUNS = 2**31 - 1

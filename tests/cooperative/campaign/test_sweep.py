@@ -48,7 +48,7 @@ def test_programs_are_released_after_each_campaign_of_a_sweep(tmp_path, monkeypa
     monkeypatch.setattr(sweep, "run_campaign", lambda text, where, **_: order.append(where.name) or summary)
     monkeypatch.setattr(sweep, "release_programs", lambda: order.append("released"))
     monkeypatch.setattr(sweep, "save", lambda figure, path: None)
-    monkeypatch.setattr(sweep, "_counted", lambda where: np.zeros(6))
+    monkeypatch.setattr(sweep, "_counted", lambda where: (np.zeros(6), 1.0))
     monkeypatch.setattr(sweep, "_compared", lambda point, *given: point)
     sweep.run(TINY + "[sweep]\ncov = [0.2, 0.4]\n", tmp_path / "out")
     assert order == ["base", "released", "cov-0.2", "released"]
