@@ -60,11 +60,13 @@ class SharedAudit:
 
     Args:
         doubt: of each sample (samples,), to which its chance of a draw is proportional, but for the even share.
+        model: probability of failure of each sample (samples,), from which the estimate of every campaign starts.
         certain: samples that run refined without a draw: their rough run broke off in one campaign or another.
         runs: refined runs of the audit in all, where another campaign decides it; None where the estimator does.
     """
 
     doubt: tuple[float, ...]
+    model: tuple[float, ...]
     certain: tuple[int, ...] = ()
     runs: int | None = None
 

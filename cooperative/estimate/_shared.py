@@ -4,9 +4,11 @@ Campaigns that draw their refined runs apart differ by the luck of their draws t
 of them: with a chance that follows from the rough results of all campaigns alone, it asks for the same sample in each.
 A sample's doubt is the largest sqrt(p (1 - p)) over the campaigns, p by the logistic model of
 `cooperative.estimate._logistic` before any refined result. The chances are known and the same in every campaign, so
-the ordered estimator of each stays unbiased, whatever its own model expects of the samples (`_audit`), and the
-difference of two campaigns is a difference of the same sampled units, in which what they have in common cancels (paired
-units of a panel: Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Section 9.9).
+the ordered estimator of each stays unbiased, whatever model it starts from (`_audit`). That model is the same in all,
+the mean of p over the campaigns. The difference of two campaigns is then one of the same sampled units, in which what
+they have in common cancels (paired units of a panel: Sarndal, Swensson and Wretman 1992, Model Assisted Survey
+Sampling, Section 9.9): where no drawn sample changes its class the probabilities are equal, and where samples only turn
+from standing to failing it rises. With a model of each campaign's own it would fall by chance.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ def shared_audit(populations: Sequence[Population]) -> SharedAudit:
     ):
         sizes = ", ".join(str(each.size) for each in populations)
         raise ValueError(f"populations of {sizes} samples: give populations of the same, equally weighted samples")
-    doubt, certain = np.zeros(size), np.zeros(size, dtype=bool)
+    doubt, mean, certain = np.zeros(size), np.zeros(size), np.zeros(size, dtype=bool)
     prior = fit_logistic(np.zeros(0), np.zeros(0), 0.0)
     weight = np.full(size, 1 / size)
     for population in populations:
@@ -43,5 +45,6 @@ def shared_audit(populations: Sequence[Population]) -> SharedAudit:
         centre = rough_centre(population.rough_displacement[ranking.order], weight, population.failure_displacement)
         model = predict_logistic(prior, normal_scores(weight), centre)
         doubt[ranking.order] = np.maximum(doubt[ranking.order], np.sqrt(model * (1 - model)))
+        mean[ranking.order] += model / len(populations)
         certain[ranking.broke_off] = True
-    return SharedAudit(tuple(doubt.tolist()), tuple(np.flatnonzero(certain).tolist()))
+    return SharedAudit(tuple(doubt.tolist()), tuple(mean.tolist()), tuple(np.flatnonzero(certain).tolist()))

@@ -168,9 +168,10 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     there = np.array([answer != "missing" for answer in results])
     value = np.array([np.nan if answer in (None, "missing") else float(answer) for answer in results])
     certain, missing = certainty_stratum(refined, plan, order, lost)
-    shared, doubt, of_samples = population.shared, None, None
+    shared, doubt, common, of_samples = population.shared, None, None, None
     if shared is not None:
-        doubt, of_samples = np.asarray(shared.doubt)[population.numbers[order]], order
+        doubt, common = (np.asarray(each)[population.numbers[order]] for each in (shared.doubt, shared.model))
+        of_samples = order
         certain = np.union1d(certain, np.flatnonzero(np.isin(population.numbers[order], shared.certain)))
     missing = np.union1d(missing, certain[~there[certain]])
     known = there & np.isin(np.arange(count), certain)
@@ -183,7 +184,9 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
         # A rough run that broke off has no rank of its own, so it teaches the model nothing.
         usable = np.flatnonzero(~np.isnan(outcome))
         usable = usable[usable >= lost]
-        model = predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
+        model = common
+        if model is None:
+            model = predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
         share = np.concatenate(shares)
         return _Replay(order, weight, outcome, known.copy(), certain, tuple(waves), share, missing, model)
 

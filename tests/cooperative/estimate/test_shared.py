@@ -14,16 +14,18 @@ from cooperative.estimate import SharedAudit, TwoPhase, paired_difference, share
 SAMPLES, RUNS = 40, 16
 
 
-def campaigns(seed: int, *, lost: tuple[int, ...] = ()) -> tuple[list[Population], list[np.ndarray]]:
+def campaigns(
+    seed: int, *, lost: tuple[int, ...] = (), limit: float = 1.0
+) -> tuple[list[Population], list[np.ndarray]]:
     """Populations of three campaigns of the same samples, and which samples fail in each."""
     generator = np.random.default_rng(seed)
     rough, other = generator.standard_normal((2, SAMPLES))
     broke_off = np.isin(np.arange(SAMPLES), lost)
     populations, failed = [], []
     for added in (0.0, 0.3, 1.0):
-        displacement = np.exp(rough + added - 1.0)
+        displacement = np.exp(rough + added - limit)
         populations.append(Population(displacement, broke_off if added == 0.3 else None))
-        failed.append(0.9 * rough + 0.4 * other + added > 1.0)
+        failed.append(0.9 * rough + 0.4 * other + added > limit)
     return populations, failed
 
 
@@ -64,7 +66,8 @@ def test_the_base_decides_by_its_target_and_the_others_follow():
 
 
 def test_a_shared_audit_is_unbiased():
-    populations, failed = campaigns(7)
+    # So many fail that every audit meets failures, and samples that stand.
+    populations, failed = campaigns(7, limit=0.3)
     shared = shared_audit(populations)
     for population, fails in zip(populations, failed, strict=True):
         answers = dict(enumerate(fails.tolist()))
@@ -73,6 +76,19 @@ def test_a_shared_audit_is_unbiased():
             for seed in range(400)
         ])  # fmt: skip
         assert abs(found.mean() - fails.mean()) < 4 * found.std() / np.sqrt(found.size)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6), more=st.sets(st.integers(0, SAMPLES - 1)))
+def test_failures_that_are_added_never_lower_the_probability(seed, more):
+    (population, *_), (failed, *_) = campaigns(seed)
+    populations = [population, replace(population, rough_displacement=1.5 * population.rough_displacement)]
+    shared = shared_audit(populations)
+    estimates = [
+        TwoPhase(refined_runs=RUNS, seed=seed).estimate(replace(each, shared=shared), dict(enumerate(of.tolist())))
+        for each, of in zip(populations, (failed, failed | np.isin(np.arange(SAMPLES), list(more))), strict=True)
+    ]
+    assert estimates[1].probability >= estimates[0].probability - 1e-12
 
 
 def test_other_samples_or_weights_share_no_audit():
