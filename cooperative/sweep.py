@@ -126,7 +126,7 @@ def _after_screening(phase: str) -> None:
 def _share_audit(parts: list[Variant], folder: Path, *, workers: int, progress: bool) -> None:
     """Screen all campaigns that audit their rough results, and keep the audit that they share in the folder of each."""
     audited = [part for part in parts if isinstance(parse(part.source).estimator, Audited)]
-    where = {part.name: folder / "campaigns" / part.name for part in audited}
+    where = {part.name: own_folder(folder / "campaigns" / part.name) for part in audited}
     if len(audited) < 2 or all(stored_measured(each).shared for each in where.values()):
         return
     populations = []
@@ -169,7 +169,7 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
     unit = 1.0
     base: Point | None = None
     for part in parts:
-        where = folder / "campaigns" / part.name
+        where = own_folder(folder / "campaigns" / part.name)
         if progress:
             print(f"{part.name}:", flush=True)
         if base is not None and getattr(parse(part.source).estimator, "target_cov", None) is not None:
@@ -225,9 +225,11 @@ def _claim(folder: Path, source: Source) -> None:
         raise ValueError(f"folder {folder} belongs to another sweep: give another folder, or the scene it has")
     if there is None and folder.exists() and any(each.name != CAMPAIGN for each in folder.iterdir()):
         raise ValueError(f"folder {folder} is not empty, and no sweep has begun there: give a new or empty folder")
-    (folder / "campaigns").mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     if there is None:
         source.write(folder, SWEEP)
+    for name in ("campaigns", "figures"):
+        own_folder(folder / name)
 
 
 def _ranked(folder: Path, k_t: int) -> Summary:

@@ -67,8 +67,22 @@ def duration(seconds: float) -> str:
     return f"{seconds / 86_400:.2g} days"
 
 
+def literal(text: str) -> str:
+    """A text for a figure, in which matplotlib takes dollar signs for formulas.
+
+    Args:
+        text: as it is to be seen.
+
+    Returns:
+        The text with its dollar signs escaped.
+    """
+    return text.replace("$", r"\$")
+
+
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
     """A table as CSV.
+
+    A text that a spreadsheet would take for a formula begins with an apostrophe.
 
     Args:
         rows: of the table, its header the first.
@@ -77,8 +91,19 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
         A line for each row.
     """
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    csv.writer(text, lineterminator="\n").writerows(map(_cell, row) for row in rows)
     return text.getvalue()
+
+
+def _cell(value: object) -> object:
+    """A cell that no spreadsheet computes."""
+    if not isinstance(value, str) or not value.startswith(("=", "+", "-", "@", "\t", "\r")):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value
 
 
 _SHORT = reprlib.Repr()

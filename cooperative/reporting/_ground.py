@@ -27,6 +27,7 @@ from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
+from foundation.text import literal
 from jaxmpm import Ground, Raster
 from jaxmpm.ground import floor
 from jaxmpm.laws import WaterSurface, WaterTable
@@ -255,7 +256,9 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     number = np.zeros(position.shape[1]) if model.layer is None else model.layer[plane].astype(float)
     norm = Normalize(-0.5, LAYERS.N - 0.5)
     plots.draw_particles(ax, position, half, number % LAYERS.N, "Set2", norm)
-    handles: list[Artist] = [Patch(color=LAYERS(k % LAYERS.N), label=name) for k, name in enumerate(_names(campaign))]
+    handles: list[Artist] = [
+        Patch(color=LAYERS(k % LAYERS.N), label=literal(name)) for k, name in enumerate(_names(campaign))
+    ]
     corner, extent = campaign.site.shape.corner, campaign.site.shape.extent
     ends = corner[0], corner[0] + extent[0]
     x = np.linspace(*ends, 200)

@@ -21,7 +21,7 @@ from cooperative.reporting._page import document, heading, headline, paragraph
 from cooperative.reporting._page import table as html_table
 from cooperative.reporting._sentences import Cell
 from cooperative.values import Summary
-from foundation.text import csv_text
+from foundation.text import csv_text, literal
 
 LABELS = {
     "lx": "correlation length $l_x$ [m]",
@@ -107,7 +107,7 @@ def label_of(parameter: str) -> str:
         parameter: its key, or its path in the scene.
     """
     path, _, record = parameter.partition(" of ")
-    return LABELS.get(parameter, PATHS.get(path, path) + (f", {record}" if record else ""))
+    return LABELS.get(parameter, PATHS.get(path, literal(path)) + (f", {literal(record)}" if record else ""))
 
 
 COLUMNS = (
@@ -382,7 +382,7 @@ def mode_ratios(parameters: Parameters) -> Figure:
 def _records(ax: Axes, parameters: Parameters, fragility: Fragility, names: Sequence[str]) -> None:
     """Curves of records against their peak acceleration, and that of all together."""
     for number, name in enumerate(names, start=1):
-        rows, label = parameters[name], name.partition(" of ")[2]
+        rows, label = parameters[name], literal(name.partition(" of ")[2])
         _chances(ax, [row.peak or 0.0 for row in rows], rows, COLOURS[number % len(COLOURS)], label=label)
     if RECORDS in fragility:
         _band(ax, fragility[RECORDS][0], "0.3", "all records")
@@ -434,7 +434,7 @@ def _errorbar(
     named = any(isinstance(value, str) for value in values)
     at = np.arange(len(values), dtype=float) if named else np.array(values, float)
     if named:
-        ax.set_xticks(at, [str(value) for value in values], rotation=20, ha="right")
+        ax.set_xticks(at, [literal(str(value)) for value in values], rotation=20, ha="right")
         line = "none"
     at = at + shift * 0.008 * (np.ptp(at) if at.size > 1 else 1.0)
     low, high = np.reshape(limits, (-1, 2)).T

@@ -18,6 +18,7 @@ from cooperative.safety._factor import Safety
 from cooperative.safety._slices import zones
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
+from foundation.text import literal
 
 LAYERS = matplotlib.colormaps["Pastel2"]
 WATER, CIRCLE, SURFACE = "#1f77b4", "#0072B2", "#D55E00"
@@ -92,7 +93,7 @@ def _surfaces(ax: Axes, result: Safety, campaign: Campaign, title: str) -> None:
     """Layers, water and slip surfaces."""
     assert result.equilibrium is not None
     assert result.shape is not None
-    names = [each.name + (" (rock)" if each.rock else "") for each in campaign.site.layers] or ["soil"]
+    names = [literal(each.name) + (" (rock)" if each.rock else "") for each in campaign.site.layers] or ["soil"]
     for number, zone in zones(result.shape, result.layers):
         corners = np.asarray(shapely.get_exterior_ring(zone).coords)
         ax.add_patch(Polygon(corners, fc=LAYERS(number % LAYERS.N), ec="0.5", lw=0.6, label=names[number]))

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from cooperative.reporting import quantity
 from cooperative.site._estimate import SiteLayerFit
+from foundation.text import literal
 from kl.marginal import Lognormal
 
 TINTS = colormaps["Pastel2"]
@@ -29,7 +30,7 @@ def site_figure(layers: Sequence[SiteLayerFit]) -> Figure:
         drawn = quantity(parameter)
         for ax, position in zip(row, positions.T, strict=True):
             for number, layer in enumerate(layers):
-                ax.axhspan(layer.bottom, layer.top, color=TINTS(number % TINTS.N), lw=0, label=layer.name)
+                ax.axhspan(layer.bottom, layer.top, color=TINTS(number % TINTS.N), lw=0, label=literal(layer.name))
                 if layer.parameter != parameter:
                     continue
                 z = np.linspace(layer.top, layer.bottom, 50)

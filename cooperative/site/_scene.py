@@ -12,14 +12,39 @@ import numpy as np
 from cooperative.scene import toml_value
 from cooperative.site._estimate import SiteEstimate
 from cooperative.soundings import SiteError
-from foundation import check
+from foundation import check, files
 from jaxmpm import Raster, read_raster
 
 MOST_CELLS = 48
 """Cells of the refined grid along the longer side of a first look."""
 
+MOST_BYTES = 2**28
+"""Largest size (bytes) of a surface that is copied beside its scene."""
+
 APART = 2.0
 """Difference (m) between the top of a sounding and the ground there from which on their datums are in doubt."""
+
+
+def surface_beside(surface: Path, folder: Path) -> dict[Path, bytes]:
+    """Files of a surface to be copied to the folder of its scene, which names no file outside; none if it lies there.
+
+    Args:
+        surface: file of the heights of the ground.
+        folder: of the scene.
+
+    Raises:
+        ValueError: the folder has another file of that name.
+    """
+    if Path(os.path.realpath(surface)).is_relative_to(os.path.realpath(folder)):
+        return {}
+    copies = {folder / surface.name: files.read_given(surface, MOST_BYTES)}
+    projection = surface.with_suffix(".prj")
+    if projection.is_file():
+        copies[folder / projection.name] = files.read_given(projection, MOST_BYTES)
+    for copy, data in copies.items():
+        if copy.exists() and files.read_given(copy, MOST_BYTES) != data:
+            raise SiteError(f"{copy} is there and is not {surface}: move it away, or give another --out")
+    return copies
 
 
 def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str]:
@@ -28,7 +53,7 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
     Args:
         site: the estimates, in 3D.
         surface: file of the heights of the ground.
-        folder: of the scene.
+        folder: of the scene, in which the surface lies or is copied to.
 
     Raises:
         ValueError: a file that is no raster, soundings of a section, or one that lies beside the raster.
@@ -45,7 +70,8 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
     yield f"name = {toml_value(surface.stem)}"
     yield ""
     yield "[terrain]"
-    yield f"surface = {toml_value(Path(os.path.relpath(surface, folder)).as_posix())}"
+    inside = Path(os.path.relpath(os.path.realpath(surface), os.path.realpath(folder)))
+    yield f"surface = {toml_value(surface.name if '..' in inside.parts else inside.as_posix())}"
     yield f"base = {base:g}    # m, where the soil is taken to be rigid"
     for axis, (low, high) in zip("xy", ends, strict=True):
         yield f"{axis} = [{low:g}, {low + math.floor((high - low) / (2 * cell) + 1e-9) * 2 * cell:g}]"

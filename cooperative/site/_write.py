@@ -16,7 +16,7 @@ from cooperative.scene.tables import CORRELATIONS
 from cooperative.site._assumed import Assumed
 from cooperative.site._estimate import SiteEstimate, SiteLayerFit, marginal_of
 from cooperative.site._figure import site_figure
-from cooperative.site._scene import scene_lines
+from cooperative.site._scene import scene_lines, surface_beside
 from foundation.files import write_aside
 from foundation.text import csv_text
 from kl.estimation import Interval
@@ -31,14 +31,19 @@ def write_site(site: SiteEstimate, folder: Path, surface: Path | None = None) ->
     Args:
         site: the estimates.
         folder: to write to; made if it is missing.
-        surface: file of the heights of the ground, for a whole scene; None for none.
+        surface: file of the heights of the ground, for a whole scene, which is copied to the folder unless it lies
+            there; None for none.
 
     Returns:
         What was written.
     """
     head = [] if surface is None else list(scene_lines(site, surface, folder))
+    copies = {} if surface is None else surface_beside(surface, folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
+    for path, data in copies.items():
+        write_aside(path, data)
+        written.append(path)
     for layer in site.layers:
         path = folder / _file(layer)
         write_aside(path, _rows(layer).encode())

@@ -7,13 +7,17 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from xml.parsers import expat
 
 import numpy as np
 
 from cooperative.soundings._sounding import UNITS, Measured, SiteError, Sounding, Values, checked, finite, in_si
-from foundation import check
+from foundation import check, files
 from foundation.extras import extra
 from foundation.text import shown
+
+MOST_BYTES = 2**26
+"""Largest size (bytes) of a file of a site."""
 
 Contents = tuple[list[Sounding], list[Measured]]
 
@@ -64,11 +68,28 @@ def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) ->
         reader = _READERS.get(path.suffix.lower())
         if reader is None:
             raise SiteError(f"{path} ends in {path.suffix!r}, files of a site in {', '.join(_READERS)}: rename it")
+        _check_bounds(path)
         own, values = reader(path, units or {})
         soundings += [checked(each) for each in own]
         measured += values
     _check_together(soundings)
     return soundings, measured
+
+
+def _check_bounds(path: Path) -> None:
+    """Raise SiteError for a file that is too large, and for XML that declares entities, which read files and grow."""
+
+    def refuse(*_: object) -> None:
+        raise SiteError(f"{path} has a document type (DOCTYPE), which no sounding needs: delete it")
+
+    try:
+        files.check_given(path, MOST_BYTES)
+        if path.suffix.lower() == ".xml":
+            parser = expat.ParserCreate()
+            parser.StartDoctypeDeclHandler = refuse
+            parser.Parse(path.read_bytes(), True)
+    except expat.ExpatError as error:
+        raise SiteError(f"{path} is no XML ({error}): export it again") from error
 
 
 def _check_together(soundings: list[Sounding]) -> None:
@@ -284,6 +305,7 @@ def read_rows(path: Path) -> list[list[float]]:
     """
     if not path.is_file():
         raise SiteError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
+    _check_bounds(path)
     _, measured = _csv(path, {})
     if len(measured) != 1:
         raise SiteError(f"{path} has {len(measured)} columns of parameters: a field has values of one, leave one")

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from foundation.text import shown
+from foundation.text import short, shown
 
 Values = npt.NDArray[np.float64]
 
@@ -28,6 +28,8 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 """What a number in each unit is multiplied by to be in SI units, angles in degrees."""
 LARGEST_CONE = 150e6
 """Cone resistance (Pa) that no cone bears: a number above it is in another unit."""
+LONGEST_NAME = 60
+"""Characters of a sounding's name."""
 LARGEST_DEPTH = 200.0
 """Depth (m) of a sounding above which the number is in another unit."""
 
@@ -146,9 +148,11 @@ def checked(sounding: Sounding) -> Sounding:
         )
     if sounding.area_ratio is not None and not 0.3 <= sounding.area_ratio <= 1:
         raise SiteError(f"{where} has a net area ratio of {sounding.area_ratio:g}: cones have 0.3 to 1")
+    # A name goes to terminals, figures and comments of a scene.
     return replace(
-        sounding, depth=columns["depth"], cone=columns["cone"], sleeve=columns["sleeve"], pore=columns["pore"]
-    )
+        sounding, name=short(sounding.name.strip(), LONGEST_NAME), depth=columns["depth"], cone=columns["cone"],
+        sleeve=columns["sleeve"], pore=columns["pore"],
+    )  # fmt: skip
 
 
 def _averaged(columns: Mapping[str, Values]) -> dict[str, Values]:

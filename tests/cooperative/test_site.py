@@ -205,8 +205,15 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
         f"{x},8,3,{0.4 * k:g},{20 * np.exp(0.2 * random.standard_normal()):.2f}" for x in (6, 20) for k in range(12)
     ]
     lab = _csv(tmp_path / "lab.csv", "x [m],y [m],top [m],depth [m],su [kPa]\n" + "\n".join(rows))
-    write_site(estimate_site([lab], Assumed(base=-2.0), boundaries=[]), tmp_path / "site", raster)
+    fitted = estimate_site([lab], Assumed(base=-2.0), boundaries=[])
+    written = write_site(fitted, tmp_path / "site", raster)
     campaign = parse(tmp_path / "site" / "scene.toml")
+    assert tmp_path / "site" / "hill.asc" in written  # a scene names no file outside its folder
+    write_site(fitted, tmp_path, raster)
+    assert parse(tmp_path / "scene.toml").site.shape == campaign.site.shape
+    (tmp_path / "site" / "hill.asc").write_text("another")
+    with pytest.raises(ValueError, match=r"site.hill.asc is there and is not .*hill.asc: move it away"):
+        write_site(fitted, tmp_path / "site", raster)
     assert campaign.hazard is not None
     assert campaign.site.shape.extent[:2] == (32, 16)
     assert campaign.grids["refined"].cell == 2

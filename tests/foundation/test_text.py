@@ -1,5 +1,8 @@
 """What messages and reports show of values and texts that may be long or made to mislead."""
 
+import csv
+import io
+import math
 import sys
 import warnings
 
@@ -7,13 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from cooperative import _commands
 from cooperative.__main__ import main
 from cooperative.scene import example, parse
 from cooperative.store import open_store, read_rows
 from foundation import check
-from foundation.text import MOST_SHOWN, printable, short, shown
+from foundation.text import MOST_SHOWN, csv_text, literal, printable, short, shown
 from tests.cooperative.campaign.test_campaign import TINY
 
 DEEP = st.recursive(
@@ -101,3 +106,30 @@ def test_a_warning_of_a_command_is_one_line(tmp_path, monkeypatch, capsys):
     assert warned.startswith(f"warning: in {tmp_path.name} ")
     assert warned.isprintable()
     assert error == "error: it cannot be read"
+
+
+@given(st.lists(st.text(st.characters(codec="utf-8", exclude_characters="\r\n\0")), min_size=1))
+def test_no_cell_of_a_table_is_a_formula_and_every_text_stays(texts):
+    cells = next(csv.reader(io.StringIO(csv_text([texts]))), [])
+    assert [cell.removeprefix("'") for cell in cells] == [text.removeprefix("'") for text in texts]
+    for cell in cells:
+        assert not cell.startswith(("=", "@", "\t")) or is_number(cell)
+        assert not cell.startswith(("+", "-")) or is_number(cell)
+
+
+def is_number(text):
+    try:
+        return math.isfinite(float(text)) or True
+    except ValueError:
+        return False
+
+
+def test_numbers_of_a_table_stay_numbers():
+    assert csv_text([["-1.5", -2.0, "+3", "-1e-3", "=1", "-x"]]) == "-1.5,-2.0,+3,-1e-3,'=1,'-x\n"
+
+
+@given(st.text(st.sampled_from("$ab\\{}_^ %"), max_size=12))
+def test_a_literal_text_is_drawn_without_formulas(text):
+    whole = literal(text)
+    Figure().text(0, 0, whole).get_window_extent(FigureCanvasAgg(Figure()).get_renderer())
+    assert whole.count(r"\$") == text.count("$")

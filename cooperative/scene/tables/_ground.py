@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from annotated_types import MinLen
-from pydantic import Strict
-
 from cooperative.scene.tables._key import (
     Depth,
     FromZero,
@@ -16,6 +13,7 @@ from cooperative.scene.tables._key import (
     OrFile,
     OrTable,
     Pair,
+    Polygon,
     Raster,
     Rows,
     Table,
@@ -166,8 +164,9 @@ class Terrain(Table):
     ends: Literal["roller", "fixed"] = key(
         "Boundary condition at the walls; for a free face see `cut`.", "roller", "roller"
     )
-    polygon: OrFile[Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)]] | None = key(
-        "Corners in plan of the part that is used; the rest is left out. Or a polygon of a GeoPackage.",
+    polygon: OrFile[Polygon] | None = key(
+        "Corners in plan of the part that is used; the rest is left out. Or a polygon of a GeoPackage, shapefile or "
+        "GeoJSON.",
         [[20, 10], [180, 10], [180, 110], [20, 110]],
         None,
         otherwise="not used: all of the ground",
@@ -181,7 +180,7 @@ class Terrain(Table):
         "Boundary condition along the polygon; free: as if the soil around had been excavated.", "fixed", "fixed"
     )
     run_out_line: OrFile[Rows] | None = key(
-        "Line in plan along which run-out is measured, straight on beyond its ends. Or a line of a GeoPackage.",
+        "Line in plan along which run-out is measured, straight on beyond its ends. Or a line of such a file.",
         [[20, 60], [90, 60], [180, 80]],
         None,
         units="m",

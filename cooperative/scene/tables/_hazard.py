@@ -5,12 +5,22 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, MaxLen, MinLen
-from pydantic import AfterValidator, PlainValidator, Strict
+from pydantic import PlainValidator, Strict
 from pydantic import model_validator as validates
 
 from cooperative.measure import PUBLISHED, Intensity, Vulnerability, quantity
-from cooperative.scene.tables._key import FromZero, Metres, Number, OrFile, Pair, Table, key, of_features
-from foundation.text import shown
+from cooperative.scene.tables._key import (
+    FromZero,
+    Metres,
+    Number,
+    OrFile,
+    Pair,
+    Polygon,
+    Table,
+    key,
+    of_features,
+    plain_name,
+)
 
 LONGEST_NAME = 60
 
@@ -51,16 +61,10 @@ class Hazard(Table):
     every: Annotated[int, Ge(1)] = key("Steps between two evaluations of the columns.", 20, 20)
 
 
-def _short(name: str) -> str:
-    if not name.isprintable() or not 0 < len(name) <= LONGEST_NAME:
-        raise ValueError(f" = {shown(name)}: give one line of 1 to {LONGEST_NAME} characters")
-    return name
-
-
 class Exposed(Table):
     """An element at risk, which a slide may reach: one table for each, with one of `at`, `between` and `polygon`."""
 
-    name: Annotated[str, AfterValidator(_short)] = key(
+    name: Annotated[str, plain_name(LONGEST_NAME)] = key(
         "Its name, of which there is one.", "road", allowed=f"text of up to {LONGEST_NAME} characters"
     )
     at: Annotated[tuple[Metres, ...], Strict(False), MinLen(1), MaxLen(2)] | None = key(
@@ -69,9 +73,9 @@ class Exposed(Table):
     between: Pair[Metres] | None = key(
         "In a section, the two ends of a stretch.", [70.0, 76.0], None, allowed="[from, to]"
     )
-    polygon: OrFile[Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3)]] | None = key(
-        "In 3D, the corners of a polygon in order. Or a polygon of a GeoPackage: that whose column `name` is the name "
-        "of the element, or the only one.",
+    polygon: OrFile[Polygon] | None = key(
+        "In 3D, the corners of a polygon in order. Or a polygon without holes of a GeoPackage, shapefile or GeoJSON: "
+        "that whose column `name`, in any case, is the name of the element, or the only one.",
         [[70, 5], [76, 5], [73, 12]],
         None,
         allowed='three or more corners [x, y], or a file and its layer, "site.gpkg#houses"',

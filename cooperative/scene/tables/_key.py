@@ -138,10 +138,51 @@ Depth = Annotated[float, Within(from_zero("m"))]
 Seconds = Annotated[float, Within(above_zero("s"))]
 Degrees = Annotated[float, Within(Limit(unit="degrees"))]
 
+MOST_POINTS = 10_000
+"""Points of a line that a scene holds itself."""
+FORMULA = "=+-@"
+"""Characters by which a spreadsheet knows a formula."""
+
+
+def check_name(name: str, most: int) -> str:
+    """A name that tables, figures and terminals show as it is.
+
+    Args:
+        name: to be checked.
+        most: characters of it.
+
+    Raises:
+        ValueError: it has control characters, or is a formula to a spreadsheet; the text is the end of a message.
+    """
+    if not name.isprintable() or not 0 < len(name) <= most:
+        raise ValueError(f" = {shown(name)}: give one line of at most {most} characters without control characters")
+    if name[0] in FORMULA:
+        raise ValueError(f" = {shown(name)}: a spreadsheet takes it for a formula, begin it otherwise")
+    return name
+
+
+def plain_name(most: int) -> AfterValidator:
+    """Of a text: `check_name`."""
+    return AfterValidator(lambda name: check_name(name, most))
+
+
 Pair = Annotated[tuple[T, T], Strict(False)]
 Several = Annotated[tuple[T, ...], Strict(False), MinLen(1)]
 PerAxis = Annotated[tuple[T, ...], Strict(False), MinLen(1), Field(json_schema_extra={"per": "axis"})]
 Rows = Annotated[tuple[Several[Number], ...], Strict(False), MinLen(1)]
+
+
+def _opened(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    """Corners of a polygon without the first one again at its end, with which other programs close a ring."""
+    if corners[0] != corners[-1]:
+        return corners
+    if len(corners) < 4:
+        raise ValueError(f" = {shown(corners)}: give three or more different corners")
+    return corners[:-1]
+
+
+Polygon = Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3), AfterValidator(_opened)]
+"""Corners in plan (m), the first one again at the end or not."""
 
 OrTable = Annotated[
     Annotated[T, Tag("(number)")] | Annotated[F, Tag("(table)")],
@@ -158,6 +199,8 @@ def as_points(value: object) -> tuple[tuple[float, float], ...]:
     """
     if not isinstance(value, list) or len(value) < 2:
         raise ValueError(f" = {shown(value)}: give points [[x, z], ...], two or more, or the name of a file")
+    if len(value) > MOST_POINTS:
+        raise ValueError(f" has {len(value)} points, the limit is {MOST_POINTS}: give fewer")
     for number, point in enumerate(value, 1):
         if not (isinstance(point, list) and len(point) == 2 and all(map(_is_finite, point))):
             raise ValueError(f": point {number} is {shown(point)}: give [x, z] in metres, two finite numbers")
@@ -231,6 +274,6 @@ def of_features(given: Any, where: str, name: str | None = None) -> Any:
     mine = [each for each in given if name is not None and each["name"] == name] if len(given) > 1 else given
     if len(mine) != 1:
         names = ", ".join(shown(each["name"]) for each in given[:8])
-        asked = "one feature is needed" if name is None else f"{len(mine)} are called {shown(name)}"
+        asked = "one feature is needed" if name is None else f"{len(mine)} are called {shown(name)} in a column name"
         raise ValueError(f"{where}: the layer has {len(given)} features ({names}), and {asked}: give the layer of one")
     return tuple(tuple(map(float, point)) for point in mine[0]["points"])

@@ -5,19 +5,18 @@ from __future__ import annotations
 from typing import Annotated, Self
 
 from annotated_types import MaxLen
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import ConfigDict, Field
 from pydantic import model_validator as validates
 
 from cooperative.scene.tables._campaign import Campaign, Grid, Run
 from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
-from cooperative.scene.tables._key import Table
+from cooperative.scene.tables._key import Table, plain_name
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil
 from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
 from cooperative.scene.tables._varying import Varying
-from foundation.text import shown
 
 LONGEST_NAME = 200
 MOST_LAYERS = 100
@@ -27,20 +26,12 @@ STORED = ("calibration", "defaults", "estimator", "field_modes", "files", "limit
 """Tables that a campaign wrote into the scene that it keeps."""
 
 
-def _one_line(name: str) -> str:
-    if not name.isprintable() or len(name) > LONGEST_NAME:
-        raise ValueError(
-            f" = {shown(name)}: give one line of at most {LONGEST_NAME} characters without control characters"
-        )
-    return name
-
-
 class Scene(Table):
     """A scene of jaxmpm."""
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [site]} for site in SITES]})
 
-    name: Annotated[str, AfterValidator(_one_line)] = Field("campaign", description="Title of the campaign.")
+    name: Annotated[str, plain_name(LONGEST_NAME)] = Field("campaign", description="Title of the campaign.")
     slope: Slope | None = None
     ground: Ground | None = None
     terrain: Terrain | None = None

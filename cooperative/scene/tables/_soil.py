@@ -22,6 +22,7 @@ from cooperative.scene.tables._key import (
     Within,
     key,
     one_of,
+    plain_name,
 )
 from cooperative.scene.tables._varying import Varying
 from jaxmpm import PlasticStrain
@@ -29,6 +30,7 @@ from jaxmpm import Soil as UndrainedSoil
 from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
 from jaxmpm.soil import soil_limits
 
+LONGEST_NAME = 200
 CRITERIA = {"mohr-coulomb": MohrCoulomb, "drucker-prager": DruckerPrager}
 MATCHINGS = {matching.value: matching for matching in Matching}
 DECAYS = {decay.name.lower(): decay for decay in Decay}
@@ -229,7 +231,9 @@ class Layer(_SoilOfLayer):
     all of its soil. [A whole example](random-fields.md#in-a-scene) has fill, clay and rock.
     """
 
-    name: str | None = key("What it is called.", "soft clay", None, otherwise="`layer` and its number")
+    name: Annotated[str, plain_name(LONGEST_NAME)] | None = key(
+        "What it is called.", "soft clay", None, otherwise="`layer` and its number"
+    )
     bottom: Line | None = key(
         "Its lower boundary. The layer ends where this meets the boundary above.", [[0, 2], [92, -2]], None, units="m"
     )

@@ -9,11 +9,14 @@ from annotated_types import Ge
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic import model_validator as validates
 
-from cooperative.scene.tables._key import FromZero, Length, Several, T, Table, key
+from cooperative.scene.tables._key import FromZero, Length, Several, T, Table, check_name, key, plain_name
 from foundation.text import shown
 
+LONGEST_NAME = 60
 RECORDS = "motion.record"
 """Path of the only texts that are swept."""
+MOST_PATH = 400
+"""Characters of the name of a file."""
 
 
 def flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
@@ -81,6 +84,8 @@ class Sweep(Table):
             if not alike or not values or len(set(values)) < len(values):
                 what = "names of files" if path == RECORDS else "numbers"
                 raise ValueError(f" {path} = {shown(values)}: give a list of different {what}")
+            for name in values if kinds is str else ():
+                check_name(name, MOST_PATH)
         return self
 
 
@@ -94,4 +99,4 @@ class Scenario(Table):
 
     model_config = ConfigDict(extra="allow")
 
-    name: Annotated[str, Field(min_length=1, max_length=60)] = key("What it is called.", "berm")
+    name: Annotated[str, plain_name(LONGEST_NAME)] = key("What it is called.", "berm")
