@@ -17,7 +17,17 @@ from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import draw, progress_of, report, watched, words, words_of_cost
-from cooperative.scene import Campaign, begin, campaigns_of, examples, parse, remarks, starters, write_example
+from cooperative.scene import (
+    Campaign,
+    begin,
+    campaigns_of,
+    examples,
+    parse,
+    read_scene,
+    remarks,
+    starters,
+    write_example,
+)
 from cooperative.store import GRIDS, Source, read_store
 from foundation.extras import extra
 from foundation.text import printable
@@ -34,9 +44,15 @@ def default_workers() -> int:
 
 def run(given: argparse.Namespace) -> None:
     """Run a campaign of a scene, or go on where it was."""
-    for remark in remarks(parse(given.scene)):
+    scene = _scene(given)
+    for remark in remarks(parse(scene)):
         warnings.warn(remark, stacklevel=2)
-    _run(given.scene, given.out, given)
+    _run(scene, given.out, given)
+
+
+def _scene(given: argparse.Namespace) -> Source:
+    """The scene that a command is given, with its files."""
+    return read_scene(given.scene, outside=given.allow_outside)
 
 
 def resume(given: argparse.Namespace) -> None:
@@ -44,7 +60,7 @@ def resume(given: argparse.Namespace) -> None:
     _run(read_store(given.folder).source, given.folder, given)
 
 
-def _run(scene: Source | Path, folder: Path, given: argparse.Namespace) -> None:
+def _run(scene: Source, folder: Path, given: argparse.Namespace) -> None:
     with runs.stop_by_signals(ends_process=True):
         executor = None if given.dask is None else runs.dask_executor(given.dask)
         campaign.run(
@@ -85,7 +101,7 @@ def export(given: argparse.Namespace) -> None:
 def sweep_over(given: argparse.Namespace) -> None:
     """Run a campaign for each value of each parameter in the scene's [sweep], or go on where it was."""
     with runs.stop_by_signals(ends_process=True):
-        sweep.run(given.scene, given.out, workers=given.workers, progress=True)
+        sweep.run(_scene(given), given.out, workers=given.workers, progress=True)
     print(f"{given.out / 'sweep.json'}, {given.out / 'sweep.csv'}, figures in {given.out / 'figures'}")
 
 
@@ -104,7 +120,7 @@ def check(given: argparse.Namespace) -> None:
     """Read a scene and say what it will cost on this machine, from a trial of ten seconds."""
     if not given.seconds > 0:
         raise ValueError(f"--seconds {given.seconds:g}: give more than 0")
-    scene, *others = _campaigns(given.scene)
+    scene, *others = _campaigns(given)
     for each in (scene, *others):
         runs.check_size(each)
     print("\n".join(map(printable, words_of_cost(scene, runs.cost_of(scene, given.seconds)))))
@@ -112,17 +128,18 @@ def check(given: argparse.Namespace) -> None:
         print(f"  sweep          {1 + len(others)} campaigns, each of about this time")
 
 
-def _campaigns(path: Path) -> list[Campaign]:
+def _campaigns(given: argparse.Namespace) -> list[Campaign]:
     """The campaign of a scene; of a sweep all, and a line about the first one."""
-    campaigns = campaigns_of(path)
+    campaigns = campaigns_of(_scene(given))
     if len(campaigns) > 1:
-        print(f"{path} is a sweep of {len(campaigns)} campaigns. This is its base; `jaxmpm sweep` runs all of them.")
+        base = "This is its base; `jaxmpm sweep` runs all of them."
+        print(f"{given.scene} is a sweep of {len(campaigns)} campaigns. {base}")
     return campaigns
 
 
 def sketch(given: argparse.Namespace) -> None:
     """Draw a scene: ground, layers, water, walls, exposed places, and one random field on both grids."""
-    scene = _campaigns(given.scene)[0]
+    scene = _campaigns(given)[0]
     suffixes = (".png", ".html") if scene.dimension == 3 and interactive.installed() else (".png",)
     paths = [given.out] if given.out else [given.scene.with_suffix(suffix) for suffix in suffixes]
     draw(scene, *paths, sample=given.sample)
@@ -133,7 +150,7 @@ def stability(given: argparse.Namespace) -> None:
     """Compute a slope's factor of safety, by limit equilibrium in seconds and by the solver's limit load."""
     from cooperative import safety  # which imports matplotlib
 
-    scene, start = _campaigns(given.scene)[0], time.perf_counter()
+    scene, start = _campaigns(given)[0], time.perf_counter()
     folder = given.out or given.scene.with_name(f"{given.scene.stem}-fos")
 
     def announce(result: safety.Safety) -> None:
@@ -222,6 +239,10 @@ def parser() -> argparse.ArgumentParser:
         added.set_defaults(does=does)
         for each in takes:
             added.add_argument(each, type=Path, help=TAKES[each])
+        if "scene" in takes:
+            added.add_argument(
+                "--allow-outside", action="store_true", help="let the scene name files outside its folder"
+            )
         return added
 
     first, again, sweeps = (

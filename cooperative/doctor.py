@@ -26,7 +26,11 @@ _TIMED = "NVIDIA H100"
 """Devices beside the CPU that campaigns have been timed on (docs/published-study.md)."""
 
 
-EXTRAS = {"equilibrium": ("xslope",), "region": ("geopandas", "pyogrio"), "site": ("pygef", "python_ags4")}
+EXTRAS = {
+    "equilibrium": ("xslope",),
+    "region": ("geopandas", "pyogrio", "pyproj", "shapefile"),
+    "site": ("pygef", "python_ags4"),
+}
 """Modules of each extra that commands ask for."""
 
 
@@ -48,7 +52,8 @@ def installation() -> Iterator[tuple[str, str]]:
     yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
     for extra, modules in EXTRAS.items():
         missing = [name for name in modules if importlib.util.find_spec(name) is None]
-        yield f"extra {extra}", f"not installed: pip install {' '.join(missing)}" if missing else "installed"
+        lacks = f"without {', '.join(missing)}: pip install 'jaxmpm[{extra}]'"
+        yield f"extra {extra}", lacks if missing else "installed"
     for device in jax.devices():
         known = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
         untimed = "" if known else " (the solver runs here, untimed)"

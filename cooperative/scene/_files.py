@@ -8,10 +8,11 @@ from __future__ import annotations
 import base64
 import json
 import math
+import os
 import re
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,9 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.scene import tables
-from cooperative.scene._region import Feature, read_features, shift_of
+from cooperative.scene._projection import refuse_another
+from cooperative.scene._region import shift_of
 from cooperative.scene._shaking import AXES
+from cooperative.scene._vector import Feature, read_features
 from cooperative.soundings import read_rows
+from foundation import check
 from foundation.text import shown
 from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
 
@@ -41,11 +45,15 @@ class Files:
         known: points and rasters by name.
         folder: where those lie that are not known yet, None where there are no more.
         origin: subtracted from coordinates in the projection of the files (m).
+        outside: whether files may lie outside the folder.
+        projections: coordinate systems of those that have one, by name; the first is the surface's.
     """
 
     known: dict[str, object]
     folder: Path | None = None
     origin: tuple[float, float] = (0.0, 0.0)
+    outside: bool = False
+    projections: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, table: object) -> Files:
@@ -77,28 +85,30 @@ class Files:
         """
         drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
         path, *layer = (name,) if drawing is None else drawing.groups()
-        return self._content(name, list, lambda folder: read_line(folder / path, *layer), "give points [[x, z], ...]")
+        return self._content(name, list, lambda: read_line(self._path(path), *layer), "give points [[x, z], ...]")
 
     def data(self, name: str) -> list[object]:
         """Measured values of a file, a row each, likewise."""
-        return self._content(name, list, lambda folder: read_rows(folder / name))
+        return self._content(name, list, lambda: read_rows(self._path(name)))
 
     def raster(self, name: str) -> Raster:
         """Heights of a file, likewise."""
 
-        def read(folder: Path) -> Raster:
-            raster = read_raster(folder / name)
+        def read() -> Raster:
+            raster = read_raster(self._path(name))
+            self._compare(name, raster.projection)
             x, y = shift_of(self.origin, np.transpose(raster.ends))
             return replace(raster, corner=(raster.corner[0] - x, raster.corner[1] - y))
 
         return self._content(name, Raster, read)
 
     def features(self, name: str) -> list[Feature]:
-        """Lines and polygons of a GeoPackage's layer, each with its name, likewise: "site.gpkg#houses"."""
+        """Lines and polygons of a file, of a GeoPackage's layer, each with its name, likewise: "site.gpkg#houses"."""
 
-        def read(folder: Path) -> list[Feature]:
+        def read() -> list[Feature]:
             path, _, layer = name.partition("#")
-            features = read_features(folder / path, layer or None)
+            features, projection = read_features(self._path(path), layer or None)
+            self._compare(path, projection)
             for each in features:
                 points = np.array(each["points"])
                 each["points"] = (points - shift_of(self.origin, points)).tolist()
@@ -112,21 +122,45 @@ class Files:
 
     def motion(self, name: str) -> BaseMotion:
         """Record of motion of a file, likewise, along x, y and z in its own unit."""
-        return self._content(name, BaseMotion, lambda folder: read_motion(folder / name, axes=AXES))
+        return self._content(name, BaseMotion, lambda: read_motion(self._path(name), axes=AXES))
 
-    def _content(
-        self, name: str, kind: type[T], read: Callable[[Path], T], remedy: str = "run the scene's own file"
-    ) -> T:
+    def _content(self, name: str, kind: type[T], read: Callable[[], T], remedy: str = "run the scene's own file") -> T:
         """What a file holds, read from the folder where it is not known yet."""
         if self.folder is not None and name not in self.known:
             try:
-                self.known[name] = read(self.folder)
+                self.known[name] = read()
             except ValueError as error:
                 raise ValueError(f": {error}") from error
         content = self.known.get(name)
         if not isinstance(content, kind):
             raise _not_read(name, remedy)
         return content
+
+    def _path(self, name: str) -> Path:
+        """Where the file of this name is read.
+
+        Raises ValueError where it lies outside the folder, as it stands or by a link, and none may.
+        """
+        assert self.folder is not None
+        path = self.folder / name
+        if self.outside or "\0" in name:  # which no file has, and its reader refuses
+            return path
+        for real in (os.path.abspath, os.path.realpath):
+            if not Path(real(path)).is_relative_to(real(self.folder)):
+                raise ValueError(
+                    f"{path} lies outside the scene's folder: move it there, or allow it by --allow-outside, in Python "
+                    "read_scene(path, outside=True)"
+                )
+        return path
+
+    def _compare(self, name: str, projection: str | None) -> None:
+        """Remark on a file in another datum than the first one; ValueError for one in another projection."""
+        if projection is None:
+            return
+        for first, there in list(self.projections.items())[:1]:
+            if remark := refuse_another(name, projection, first, there):
+                check.warn(remark)
+        self.projections.setdefault(name, projection)
 
 
 def _not_read(name: str, remedy: str) -> ValueError:
@@ -148,7 +182,12 @@ def to_toml(scene: Mapping[str, object]) -> str:
 
 def _key(name: str) -> str:
     """A key as TOML writes it: names of files need quotes."""
-    return name if name.isidentifier() and name.isascii() else json.dumps(name)
+    return name if name.isidentifier() and name.isascii() else _quoted(name)
+
+
+def _quoted(text: str) -> str:
+    """A text as TOML quotes it: as JSON does, without halves of characters, and with the one control character more."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def toml_value(value: object) -> str:
@@ -157,6 +196,8 @@ def toml_value(value: object) -> str:
         return "{ " + ", ".join(f"{_key(key)} = {toml_value(each)}" for key, each in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, str):
+        return _quoted(value)
     return str(value) if isinstance(value, float) else json.dumps(value)
 
 

@@ -1,20 +1,14 @@
-"""Files of a region: coordinates in a national grid, walls that fit the cells, features of a GeoPackage."""
+"""Files of a region: coordinates in a national grid, walls that fit the cells, the run-out line."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from fractions import Fraction
 from math import floor, lcm
-from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 
 from cooperative.measure import Track
-from foundation import files
-from foundation.extras import extra
-from foundation.text import shown
 from jaxmpm import Raster, Terrain
 
 RUN_OUT_LINE = "[terrain] run_out_line"
@@ -24,10 +18,6 @@ FARTHEST = 1e5
 """Coordinate (m) from which on a surface is taken to be in a national grid."""
 FINEST = 10**6
 """Largest denominator of a cell (1/m)."""
-MOST_BYTES = 2**26
-"""Largest size (bytes) of a file of features."""
-MOST_POINTS = 20_000
-"""Points of all features of a layer."""
 
 
 def shift_of(origin: Sequence[float], points: np.ndarray) -> np.ndarray:
@@ -83,61 +73,6 @@ def between_cells(ends: tuple[float, float], cells: Sequence[float]) -> tuple[fl
     step = lcm(*(int(part * bottom) for part in parts)) / bottom
     count = floor((ends[1] - ends[0]) / step + 1e-6)
     return (ends[0], ends[0] + count * step) if count else ends
-
-
-class Feature(TypedDict):
-    """A line or polygon of a file: its name, and its points [x, y] (m)."""
-
-    name: str
-    points: list[list[float]]
-
-
-def read_features(path: Path, layer: str | None) -> list[Feature]:
-    """Lines and polygons of a GeoPackage, by geopandas (extra "region").
-
-    Args:
-        path: of the file.
-        layer: of it, None for its only one.
-
-    Returns:
-        Of each feature its `name` (the column of that name, else its number) and its `points` in the plan.
-
-    Raises:
-        ValueError: the library is not installed, the file cannot be read, or has no lines and polygons in metres.
-    """
-    geopandas, pyogrio = (
-        extra(name, f"{path.name} is a GeoPackage, which geopandas reads", "geopandas pyogrio")
-        for name in ("geopandas", "pyogrio")
-    )
-    data = files.read_given(path, MOST_BYTES)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # that bytes have no suffix
-            layers = [str(name) for name in pyogrio.list_layers(data)[:, 0]]
-            known = layer in layers or (layer is None and len(layers) == 1)
-            frame = geopandas.read_file(data, layer=layer or layers[0]) if known else None
-    except (pyogrio.errors.DataSourceError, ValueError) as error:
-        raise ValueError(f"{path} cannot be read as a GeoPackage: {shown(str(error))}") from error
-    if frame is None:
-        raise ValueError(f"{path} has the layers {', '.join(layers)}: give one of them, {path.name}#{layers[0]}")
-    if frame.crs is not None and not frame.crs.is_projected:
-        raise ValueError(
-            f"{path} is in degrees: project it to the metres of the surface first, e.g. with ogr2ogr -t_srs"
-        )
-    features: list[Feature] = []
-    for number, (shape, row) in enumerate(zip(frame.geometry, frame.to_dict("records"), strict=True), 1):
-        parts = getattr(shape, "geoms", [shape])
-        kind = "nothing" if shape is None else shape.geom_type
-        if shape is None or shape.is_empty or len(parts) != 1 or "Point" in kind:
-            raise ValueError(f"{path}: feature {number} is {kind}: give lines and polygons, each of one part")
-        line = getattr(parts[0], "exterior", parts[0])
-        points = [[float(x), float(y)] for x, y, *_ in line.coords]
-        features.append({"name": str(row.get("name") or number), "points": points[: -1 if line.is_ring else None]})
-    if not 0 < sum(len(each["points"]) for each in features) <= MOST_POINTS:
-        raise ValueError(
-            f"{path} has no features, or more than {MOST_POINTS} points: give the few that the scene needs"
-        )
-    return features
 
 
 def track_of(points: Sequence[Sequence[float]], shape: Terrain) -> Track | None:

@@ -120,11 +120,12 @@ def source_of(scene: Source | str | Path) -> Source:
     return read_scene(Path(scene))
 
 
-def read_scene(path: Path) -> Source:
+def read_scene(path: Path, *, outside: bool = False) -> Source:
     """A scene's file, with the points and heights of the files that it names.
 
     Args:
         path: of the scene.
+        outside: whether it may name files outside its folder. Whoever sends a scene chooses what it reads.
 
     Raises:
         ValueError: a file is missing or no text, the message names it; or the file holds what no scene has.
@@ -140,7 +141,7 @@ def read_scene(path: Path) -> Source:
         source = Source(text)
         if "files" in source.tables:
             return source
-        files = Files({}, path.parent, _origin(source.tables))
+        files = Files({}, path.parent, _origin(source.tables), outside)
         scene = tables.read(tables.Scene, source.tables, files=files)
         for variant in variants_of(source.tables):
             tables.read(tables.Scene, variant.tables, files=files)  # it may name files of its own

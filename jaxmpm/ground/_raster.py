@@ -32,6 +32,9 @@ SQUARE = 1e-9
 METRES = ("m", "metre", "metres", "meter", "meters", "")
 """Names of metres as the unit of heights in a GeoTIFF."""
 
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""First bytes of a TIFF, and of one of more than 4 GB."""
+
 HEADER = ("ncols", "nrows", "cellsize")
 CORNERS = (("xllcorner", "yllcorner", 0.5), ("xllcenter", "yllcenter", 0.0))
 """Keys of an ESRI grid's lower left corner, and the distance of the first point from it in steps."""
@@ -248,8 +251,8 @@ def _geotiff(path: Path) -> Raster:
     rasterio = extra("rasterio", f"{path} is a GeoTIFF, which rasterio reads")
     # Bytes, so that the library opens nothing else: no address of a server, no file beside it.
     data = files.read_given(path, MOST_BYTES)
-    if not data:
-        raise ValueError(f"{path} cannot be read as a GeoTIFF: it is empty")
+    if data[:4] not in TIFF:
+        raise ValueError(f"{path} cannot be read as a GeoTIFF: it is {'none' if data else 'empty'}")
     try:
         with rasterio.MemoryFile(data) as memory, warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
@@ -268,6 +271,8 @@ def _heights(path: Path, file: DatasetReader) -> Raster:
         )
     if file.width * file.height * 8 > MOST_BYTES:
         raise ValueError(f"{path} declares {file.width} times {file.height} heights, more than can be: crop it")
+    if any(8.0 * block[0] * block[1] > MOST_BYTES for block in file.block_shapes):
+        raise ValueError(f"{path} has tiles of {file.block_shapes[0]} heights, more than can be: save it with smaller")
     turned = file.transform
     if turned.is_identity:
         raise ValueError(f"{path} has no position: give a GeoTIFF, e.g. by gdal_translate -a_ullr")

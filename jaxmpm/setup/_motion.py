@@ -10,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from foundation import check
+from foundation import check, files
 from foundation.text import shown
 from jaxmpm.laws import BaseMotion
 
+MOST_BYTES = 2**26
+"""Largest size (bytes) of a record."""
 LARGEST = 1.0
 """Pseudo-static acceleration at most, over gravity."""
 EVEN = 0.02
@@ -43,6 +45,7 @@ def read_motion(path: str | Path, *, axes: str = "xz", scale: float = 1.0) -> Ba
     check.positive("scale", scale)
     if not Path(path).is_file():
         raise ValueError(f"there is no record {path}: give the path of a CSV file")
+    files.check_given(path, MOST_BYTES)
     with Path(path).open(newline="", encoding="utf-8-sig") as file:
         numbered = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
     rows = list(csv.reader(line for _, line in numbered))

@@ -16,7 +16,7 @@ from cooperative.__main__ import main
 from cooperative.estimate import wilson_interval
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _progress as progress
-from cooperative.scene import parse
+from cooperative.scene import parse, read_scene
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import summarise
 from foundation.text import duration
@@ -228,11 +228,12 @@ def test_sweep_runs_its_campaigns(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(sweep, "run", run)
     scene = tmp_path / "sweep.toml"
-    scene.write_text("[sweep]\n")
+    scene.write_text(f"{TINY}\n[sweep]\ncov = [0.2, 0.4]\n")
     assert main(["sweep", str(scene), "--out", str(tmp_path / "out"), "--workers", "2"]) == 0
-    assert asked == {"scene": scene, "folder": tmp_path / "out", "workers": 2, "progress": True}
+    assert asked == {"scene": read_scene(scene), "folder": tmp_path / "out", "workers": 2, "progress": True}
     assert "sweep.json" in capsys.readouterr().out
     monkeypatch.undo()
+    scene.write_text("[sweep]\n")
     assert main(["sweep", str(scene), "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.startswith("error: ")
 

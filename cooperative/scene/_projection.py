@@ -1,0 +1,109 @@
+"""Coordinate systems of files in plan: refused where their units are no metres, and compared with each other.
+
+Nothing is projected: no grid of a datum and no server is opened.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from typing import TYPE_CHECKING
+
+from foundation.extras import extra
+from foundation.text import shown
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+MOST_TEXT = 20_000
+"""Characters of a coordinate system as text."""
+DATUMS = ("datum", "ellps", "a", "b", "rf", "towgs84", "nadgrids", "no_defs", "type", "wktext")
+"""Of the numbers of a coordinate system, those of its datum."""
+
+
+def refuse_unmetric(where: str, given: str) -> None:
+    """Refuse a coordinate system whose numbers are no metres on the ground.
+
+    Args:
+        where: the file, for the message.
+        given: its coordinate system as WKT, or "EPSG:" and a number.
+
+    Raises:
+        ValueError: it is in degrees, feet or metres of a map of the whole world, or is not known.
+    """
+    crs = _in_plan(where, given)
+    remedy = "project it to the metres of the surface first, e.g. with ogr2ogr -t_srs"
+    if crs.is_geographic or crs.is_geocentric:
+        raise ValueError(f"{where} is in degrees ({shown(crs.name)}): {remedy}")
+    for axis in crs.axis_info[:2]:
+        if abs(axis.unit_conversion_factor - 1) > 1e-9:
+            raise ValueError(f"{where} is in {shown(axis.unit_name)}, not in metres ({shown(crs.name)}): {remedy}")
+    method = "" if crs.coordinate_operation is None else crs.coordinate_operation.method_name
+    if "Mercator" in method and not re.search("Transverse|Oblique", method):
+        raise ValueError(f"{where} is in {shown(crs.name)}, whose metres are stretched away from the equator: {remedy}")
+
+
+def refuse_another(where: str, given: str, other: str, there: str) -> str | None:
+    """Refuse a file in another projection than a first one.
+
+    Args:
+        where: the file.
+        given: its coordinate system.
+        other: the first file.
+        there: its coordinate system.
+
+    Returns:
+        A remark where both have one projection and different datums; None where they have one datum too.
+
+    Raises:
+        ValueError: they have different projections; the message names both.
+    """
+    if given == there:
+        return None
+    mine, first = _in_plan(where, given), _in_plan(other, there)
+    if mine.equals(first, ignore_axis_order=True):
+        return None
+    names = f"{where} is in {shown(mine.name)} and {other} in {shown(first.name)}"
+    if not (_numbers(mine) and _numbers(mine) == _numbers(first)):
+        raise ValueError(f"{names}: project it to the same one, e.g. with ogr2ogr -t_srs")
+    if _datum(mine) == _datum(first):
+        return None
+    return f"{names}, one projection of two datums, which may lie 2 m apart: nothing is shifted"
+
+
+def _in_plan(where: str, given: str) -> CRS:
+    """The horizontal part of a coordinate system."""
+    pyproj = extra("pyproj", f"{where} states its coordinate system, which pyproj reads")
+    code = re.fullmatch(r"EPSG:(\d{1,6})", given)
+    try:
+        if len(given) > MOST_TEXT:
+            raise ValueError
+        # An extension holds parameters of PROJ, some of which name files.
+        text = re.sub(r',\s*EXTENSION\["[^"]*","[^"]*"\]', "", given)
+        crs = pyproj.CRS.from_epsg(int(code[1])) if code else pyproj.CRS.from_wkt(text)
+        while crs.is_bound or crs.is_compound:
+            crs = crs.source_crs if crs.is_bound else crs.sub_crs_list[0]
+    except (ValueError, pyproj.exceptions.CRSError) as error:
+        raise ValueError(
+            f"{where} has a coordinate system that is not known, {shown(given)}: give it one, e.g. with ogr2ogr -a_srs"
+        ) from error
+    return crs
+
+
+def _numbers(crs: CRS) -> dict[str, object]:
+    """Projection and figure of the earth, to a millimetre; names differ between programs."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that a text in PROJ's words has no datum, which is left out here
+        known = crs.to_dict()
+    figure = crs.ellipsoid
+    if "proj" not in known or figure is None:
+        return {}
+    numbers = {name: round(value, 9) if isinstance(value, float) else value for name, value in known.items()}
+    shape = {"axis": round(figure.semi_major_metre), "flattening": round(figure.inverse_flattening, 3)}
+    return {name: value for name, value in numbers.items() if name not in DATUMS} | shape
+
+
+def _datum(crs: CRS) -> str:
+    """Name of the datum, in the letters and digits that programs agree on."""
+    name = "" if crs.datum is None else crs.datum.name.lower().replace("ensemble", "")
+    return re.sub(r"[^a-z0-9]", "", name).removeprefix("d")
