@@ -265,7 +265,9 @@ def parser() -> argparse.ArgumentParser:
             help="allow more than the scene does; the folder keeps it",
         )
         each.add_argument(
-            "--verify", action="store_true", help="read the files of all finished samples anew, unchanged ones too"
+            "--verify",
+            action="store_true",
+            help="read the files of all finished samples anew, unchanged ones too, and solve for the stress at rest",
         )
     looks = command("status", status, "folder")
     looks.add_argument(

@@ -63,7 +63,8 @@ def run(
             same one.
         on_phase: called as "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends
             there.
-        verify: read and verify every sample's file anew, those too that have not changed since they were verified.
+        verify: read and verify every sample's file anew, those too that have not changed since they were verified, and
+            solve for the stress at rest anew.
 
     Returns:
         The summary.
@@ -86,6 +87,8 @@ def run(
                 if pool:
                     pool.prepare(runs.packed(unmeasured), folder.resolve())
                 models = _models(unmeasured, grids, folder)
+                for model in models.values() if verify else ():
+                    runs.verify_initial(folder, model)
             with (
                 open_store(folder, source, verify=verify, grids=grids) as store,
                 runs.bars(folder, progress) as bar,

@@ -26,6 +26,8 @@ from foundation import files
 SLIDES = 3
 """Slides that a report draws at several times, unless the caller gives another number."""
 SUMMARY = "summary.json"
+MOST_BYTES = 2**26
+"""Largest size (bytes) of a summary, or of what it is made from."""
 CHECKSUM = "checksum"
 """Key of a summary that records whether it is whole, and of which rows."""
 CONTENT = 9
@@ -156,7 +158,7 @@ def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> Non
 def _stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
     """The summary that the folder keeps, None where it is not whole, or not of just these rows and this version."""
     try:
-        text = files.read_plain(store.folder / SUMMARY)
+        text = files.read_plain(store.folder / SUMMARY, MOST_BYTES)
         fields = json.loads(text)
         if fields.pop(CHECKSUM) == _checksum(store, rough, refined, fields):
             return Summary.from_json(text)
@@ -170,7 +172,7 @@ def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, object
     digest = hashlib.sha256("\0".join((str(CONTENT), store.digest, json.dumps(fields, sort_keys=True))).encode())
     for name in MADE_FROM:
         path = store.folder / name
-        digest.update(files.read_plain(path) if path.exists() else b"")
+        digest.update(files.read_plain(path, MOST_BYTES) if path.exists() else b"")
     for rows in (rough, refined):
         for name, values in sorted(rows.columns.items()):
             digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())

@@ -1,7 +1,7 @@
 """Runs of samples: the model of a grid, samples through lanes and workers, restart points, stopping."""
 
 from cooperative.runs._bars import Bar, advance, bars
-from cooperative.runs._built import build, keep_initial
+from cooperative.runs._built import build, keep_initial, verify_initial
 from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, release_programs
 from cooperative.runs._dask import dask_executor
 from cooperative.runs._drawn import Drawn, SampleSoil, keep_drawn, read_drawn, soil_of
@@ -81,4 +81,5 @@ __all__ = [
     "seconds_per_step",
     "soil_of",
     "stop_by_signals",
+    "verify_initial",
 ]

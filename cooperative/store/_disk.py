@@ -34,6 +34,9 @@ Stamp = tuple[int, int, int]
 """Size in bytes, time of the last change of a file's content and of its entry (ns): writing, copying, moving and
 restoring a file change it."""
 
+MOST_INDEX = 2**28
+"""Largest size (bytes) of the index of a grid's samples."""
+
 NUMBER, FLAG, TEXT = (float, int), (bool,), (str,)
 ATTRIBUTES = {"schema": (int,), "scene": TEXT, "grid": TEXT, "sample": (int,), "status": TEXT, "steps": (int,),
         "seconds": NUMBER, "dtype": TEXT, "device": TEXT, "versions": TEXT}  # fmt: skip
@@ -290,7 +293,7 @@ def _read_index(store: Store, grid: str, stamps: Mapping[str, Stamp | None]) -> 
     """
     path = index_path(store.folder, grid)
     try:
-        lines = files.read_plain(path).splitlines(keepends=True)
+        lines = files.read_plain(path, MOST_INDEX).splitlines(keepends=True)
     except FileNotFoundError:
         return {}
     except DamagedFile as error:

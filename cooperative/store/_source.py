@@ -23,6 +23,14 @@ FIRST_DEFAULTS = "\n[defaults]\ncfl = 0.5\ngap_memory = false\n"
 """What the scene of a folder means that has no such table, or not all of its keys."""
 MOST_BESIDE = 2**26
 """Bytes that `campaign.json` may have."""
+MOST_ENTRIES = 10**6
+"""Values, lists and tables that a scene and what stands beside it may have."""
+MOST_SPELLED = 2**25
+"""Characters of the dotted keys of all values of a scene, in which it is compared with another."""
+INDEX = 8
+"""Characters of the number of a value in a list."""
+DEEPEST = 64
+"""Tables and lists within each other."""
 OF_THE_FOLDER = ("defaults", "files", "estimator", "calibration", "field_modes", "limit_load")
 """Tables that are the folder's where a scene that is given again does not have them."""
 
@@ -50,7 +58,9 @@ class Source:
         Raises:
             ValueError: text that is no TOML.
         """
-        return {**_tables_of(self.text or ""), **self.beside}
+        tables = {**_tables_of(self.text or ""), **self.beside}
+        check_bounds("the scene", tables)
+        return tables
 
     @cached_property
     def digest(self) -> str:
@@ -92,6 +102,35 @@ def _tables_of(text: str) -> dict[str, object]:
         raise ValueError(f"the scene is not valid TOML: {error}") from error
     except RecursionError as error:
         raise ValueError("the scene nests tables or lists without end: a scene has tables of plain values") from error
+
+
+def check_bounds(where: str, tables: Mapping[str, object]) -> None:
+    """Check that tables are no larger and no deeper than those of a scene.
+
+    Args:
+        where: they stand, for messages.
+        tables: of a scene, or beside one.
+
+    Raises:
+        ValueError: they nest too deeply, or hold more than a scene has.
+    """
+    spelled, left = 0, [(0, 0, list[object]([tables]))]
+    while left:
+        depth, prefix, values = left.pop()
+        if depth > DEEPEST:
+            raise ValueError(f"{where} nests tables or lists {depth} deep, the limit is {DEEPEST}: write it flat")
+        for value in values:
+            if isinstance(value, dict):
+                left += [(depth + 1, prefix + len(key) + 1, [each]) for key, each in value.items()]
+                spelled += sum(prefix + len(key) + 1 for key in value)
+            elif isinstance(value, list):
+                left.append((depth + 1, prefix + INDEX, value))
+                spelled += (prefix + INDEX) * len(value)
+        if spelled > MOST_SPELLED:
+            raise ValueError(
+                f"{where} has values whose keys together have more than {MOST_SPELLED} characters: give fewer values, "
+                "or shorter names of tables and files"
+            )
 
 
 def table_of(tables: Mapping[str, object], name: str) -> Mapping[str, object]:
@@ -144,6 +183,7 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
     try:
         text = files.read_plain(path, MOST_TEXT).decode("utf-8-sig")
         tables = tomllib.loads(text) | beside
+        check_bounds(str(path), tables)
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not text in UTF-8: {error}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -160,9 +200,13 @@ def _beside(path: Path) -> dict[str, object]:
     if not os.path.lexists(path):
         return {}
     try:
-        tables = json.loads(files.read_plain(path, MOST_BESIDE))
+        data = files.read_plain(path, MOST_BESIDE)
+        if sum(map(data.count, (b",", b"[", b"{"))) > MOST_ENTRIES:
+            raise ValueError(f"it has more than {MOST_ENTRIES} values")
+        tables = json.loads(data)
         if not isinstance(tables, dict):
             raise ValueError("it is no object")
+        check_bounds("it", tables)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is damaged ({error}): put back the file that the campaign began with") from error
     return tables

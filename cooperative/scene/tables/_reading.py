@@ -123,9 +123,9 @@ def _faults(table: type[Keyed], values: object, where: str, errors: Iterable[Err
         kind, location = error["type"], error["loc"]
         if kind in UNKNOWN:
             entry = _entry_at(table, values, where, location[:-1])
-            unknown.append(
-                f"{entry.section} has an unknown key {shown(location[-1])}{_suggestion(str(location[-1]), entry.inner)}"
-            )
+            # The nearest key takes milliseconds, and a message names the first faults alone.
+            meant = _suggestion(str(location[-1]), entry.inner) if len(unknown) < MOST else ""
+            unknown.append(f"{entry.section} has an unknown key {shown(location[-1])}{meant}")
         elif kind == "missing" and isinstance(location[-1], str):
             entry = _entry_at(table, values, where, location[:-1])
             name = location[-1] if entry.whole else f"[{location[-1]}]"

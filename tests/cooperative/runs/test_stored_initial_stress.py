@@ -12,7 +12,7 @@ import jaxmpm
 from benchmarks.robustness.invented import TINY
 from cooperative import campaign
 from cooperative.reporting._exports import export_sample
-from cooperative.runs import _executors, build, keep_initial, random_soil
+from cooperative.runs import _executors, build, keep_initial, random_soil, verify_initial
 from cooperative.runs._built import initial_path
 from cooperative.scene import campaign_of, parse
 from cooperative.store import read_rows, read_store, sample_path
@@ -127,6 +127,22 @@ def test_what_cannot_be_trusted_is_named_set_aside_and_solved_again(stored, solv
     keep_initial(stored, "rough", model.scene, model.state)
     assert path.read_bytes() == good
     assert path.with_name("rough.h5.damaged").is_symlink() or path.with_name("rough.h5.damaged").exists()
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.05])
+def test_verify_finds_a_stress_that_was_made_for_another_answer(stored, factor):
+    path, model = initial_path(stored, "rough"), built("rough", None)
+    path.unlink()
+    keep_initial(stored, "rough", model.scene, replace(model.state, stress=factor * model.state.stress))
+    there = built("rough", stored)  # its checksum is right
+    if factor == 1:
+        verify_initial(stored, there)
+        return
+    with pytest.raises(ValueError, match=r"rough.h5 differs from the stress at rest of its scene by 0\.05 of the larg"):
+        verify_initial(stored, there)
+    with pytest.raises(ValueError, match="changed the answer, so begin the scene in another folder"):
+        campaign.run(SCENE, stored, verify=True)
+    assert not (stored / "samples").exists()
 
 
 def test_a_folder_that_leads_elsewhere_is_not_followed(stored, tmp_path_factory):
