@@ -39,6 +39,7 @@ ODD: tuple[Any, ...] = (
     0, -1, 1, 2**63, 2**70, -(2**64), 10**12, 0.0, -0.0, -1.0, 1e-300, 1e-9, 1e30, 1e300, float("nan"), float("inf"),
     float("-inf"), True, False, "", "none", "cell", "two-phase", "\n[run]", "\x1b[2J", "x" * 5000, "\u202e", [], [1.0],
     [1.0, 2.0, 3.0], [0.0, 0.0], [1e30, 1e-30], [float("nan"), 1.0], ["a", "b"], [[1.0], [2.0]], {}, {"a": 1},
+    "/etc/passwd", "../../../../etc/passwd", "/dev/zero", "=cmd|' /C calc'!A0", "$x_{",
 )  # fmt: skip
 LATER = ("hazard", "exposed", "sweep")
 """Tables that the scenes are not made from."""
@@ -49,7 +50,18 @@ HUGE = {
     "refined_runs": 10**12, "cfl": 1e-12, "unit_weight": 1e-30,
 }  # fmt: skip
 WORDS = ("name", "slope", "soil", "rough", "sweep", "calibration", "__class__", "a.b", "é", "", "height ")
-TEXTS = ("[" * 2000, "a = " + "[" * 3000, "\x00", "\ufeff", "= 1", "[slope]\n[slope]", "a" * 200_000, '"""', "\\u0000")
+TEXTS = (
+    "[" * 2000,
+    "a = " + "[" * 3000,
+    "\x00",
+    "\ufeff",
+    "= 1",
+    "[slope]\n[slope]",
+    "a" * 200_000,
+    f"[{'k' * 300_000}]\na = [{'1,' * 150_000}]",
+    '"""',
+    "\\u0000",
+)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ at random moments, as they start, and halfway through sending a sample; their ca
 `resume_20000_s`: from the command to the first new sample of a campaign that has 20,000. `signal_to_end_s`: the longest
 from a signal to the end of a campaign; `signal_while_verifying_s`: while it reads 20,000 files. `undetected`: damaged
 files whose changed content was accepted. `escapes`: hand-made files that made a reader touch what is outside the
-folder.
+folder. `foreign_faults`: files of the trade, made to be more than they are called, that led a reader to another file,
+to a host or to what is written, or took gigabytes or minutes.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.measure import Report
-from benchmarks.robustness import hostile_files, hostile_scenes
+from benchmarks.robustness import foreign_files, hostile_files, hostile_scenes
 from benchmarks.robustness.lives import (
     CASES,
     PATIENCE,
@@ -169,6 +170,7 @@ def run(quick: bool = False) -> Report:
         seconds = large(20_000 // part, folder / "large")
         damaged, undetected = damage(400 // part, folder / "plain-1" / "undisturbed", seed=2)
         made, escapes = by_hand(folder / "plain-1" / "undisturbed", folder / "outside")
+        foreign, foreign_faults = foreign_files.tried(folder / "foreign", foreign_files.EVERY if quick else 1)
         scenes, bad = fuzzed(2000 // part, 20 // part, folder, seed=3)
     tolls = [toll for _, _, toll in (*kills, *stopped, *worker_kills)]
     rows = [
@@ -178,7 +180,11 @@ def run(quick: bool = False) -> Report:
         for case, workers, toll in group
     ]  # fmt: skip
     lines = (
-        [line for toll in tolls for line in (*toll.lost, *toll.orphans)] + signals.signals_lost + undetected + escapes
+        [line for toll in tolls for line in (*toll.lost, *toll.orphans)]
+        + signals.signals_lost
+        + undetected
+        + escapes
+        + foreign_faults
     )
     values = {
         "kills": sum(toll.disturbed for _, _, toll in kills),
@@ -194,5 +200,7 @@ def run(quick: bool = False) -> Report:
         "undetected": len(undetected),
         "hand_made_files": made,
         "escapes": len(escapes),
+        "foreign_files": foreign,
+        "foreign_faults": len(foreign_faults),
     }
     return Report(values, [*rows, *({"what": line[:300]} for line in lines), *bad])

@@ -248,7 +248,10 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     delimiter = max(",;\t", key=lines[0].count) if lines else ","
-    rows = [row for row in csv.reader(lines, delimiter=delimiter) if any(cell.strip() for cell in row)]
+    try:
+        rows = [row for row in csv.reader(lines, delimiter=delimiter) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise SiteError(f"{path} is no table ({error}): is a quotation mark left open?") from error
     if delimiter == ";":
         rows = [rows[0], *([_COMMA.sub(".", cell) for cell in row] for row in rows[1:])]
     if len(rows) < 2:

@@ -48,7 +48,10 @@ def read_motion(path: str | Path, *, axes: str = "xz", scale: float = 1.0) -> Ba
     files.check_given(path, MOST_BYTES)
     with Path(path).open(newline="", encoding="utf-8-sig") as file:
         numbered = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
-    rows = list(csv.reader(line for _, line in numbered))
+    try:
+        rows = list(csv.reader(line for _, line in numbered))
+    except csv.Error as error:
+        raise ValueError(f"{path} is no table ({error}): is a quotation mark left open?") from error
     lines = [n for n, _ in numbered]
     names = [name.strip() for name in rows[0]] if rows else []
     if "time" not in names or len(set(names)) < len(names) or not set(names) - {"time"} <= set(axes) or len(names) < 2:

@@ -1,12 +1,13 @@
 """What `benchmarks robustness` tries, in small, and that each of its checks finds what it is there for."""
 
 import random
+import socket
 import time
 from pathlib import Path
 
 import pytest
 
-from benchmarks.robustness import hostile_scenes, lives, robustness
+from benchmarks.robustness import foreign_files, hostile_scenes, lives, robustness
 from benchmarks.robustness.invented import SCENE
 from cooperative import _commands as command
 from cooperative import campaign
@@ -136,3 +137,30 @@ def test_workers_end_with_a_controller_that_is_killed(tmp_path):
     assert len(list(lives._marked(life.mark))) >= 3
     assert lives.killed(life, random.Random(0))
     assert life.left() == []
+
+
+def test_files_of_the_trade_are_what_they_are_called_or_refused(tmp_path):
+    count, found = foreign_files.tried(tmp_path, every=2)
+    assert count > 100
+    assert found == []
+
+
+FAULTS = {
+    "read another file": lambda path, outside: (outside.folder / "bait.csv").read_text(),
+    "wrote ": lambda path, outside: path.with_name("more").touch(),
+    "changed what is outside": lambda path, outside: (outside.folder / "written.db").touch(),
+    "called a host": lambda path, outside: socket.create_connection(outside.host.getsockname()).close(),
+    "hung": lambda path, outside: time.sleep(60),
+    "MemoryError": lambda path, outside: bytearray(8 * 2**30),
+    "KeyError": lambda path, outside: {}["key"],
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_a_reader_may_not_do_is_named(fault, tmp_path, monkeypatch):
+    monkeypatch.setattr(foreign_files, "PATIENCE", 1)
+    outside = foreign_files.Outside(tmp_path / "outside")
+    monkeypatch.setattr(foreign_files, "read", lambda path: str(FAULTS[fault](path, outside)))
+    with outside.host:
+        name, _, put = next(foreign_files.made())
+        assert [each for each in foreign_files.faults(name, put, outside) if fault in each]
