@@ -28,7 +28,7 @@ from cooperative.scene import (
     starters,
     write_example,
 )
-from cooperative.store import GRIDS, Source, read_store
+from cooperative.store import GRIDS, Source, own_folder, read_store
 from foundation.extras import extra
 from foundation.text import printable
 
@@ -151,7 +151,8 @@ def stability(given: argparse.Namespace) -> None:
     from cooperative import safety  # which imports matplotlib
 
     scene, start = _campaigns(given)[0], time.perf_counter()
-    folder = given.out or given.scene.with_name(f"{given.scene.stem}-fos")
+    # A scene's folder may come from somebody else, with a link of this name.
+    folder = given.out or own_folder(given.scene.with_name(f"{given.scene.stem}-fos"))
 
     def announce(result: safety.Safety) -> None:
         print(*map(printable, safety.lines_of_equilibrium(scene.name, result)), sep="\n", flush=True)

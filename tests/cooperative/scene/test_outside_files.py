@@ -79,6 +79,14 @@ def test_a_file_outside_is_read_where_the_user_allows_it(scene):
         assert command._scene(whole) == source
 
 
+def test_a_link_for_the_results_of_fos_is_not_followed(scene, tmp_path, capsys):
+    (tmp_path / "elsewhere").mkdir()
+    (scene[0] / "section-fos").symlink_to(tmp_path / "elsewhere")
+    assert main(["fos", str(given(scene, "line.csv")), "--quick"]) == 2
+    assert "section-fos is a link or a file, not a folder: move it away" in capsys.readouterr().err
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
 @pytest.mark.parametrize("key", ["surface", "water", "boreholes", "record"])
 def test_every_key_that_names_a_file_keeps_to_the_folder(scene, tmp_path, key):
     path = given(scene, "../secret.csv" if key == "surface" else "line.csv")
