@@ -16,7 +16,7 @@ import os
 import re
 import sqlite3
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
@@ -74,7 +74,7 @@ class _Layer:
         left_out: what else the file holds, in words.
     """
 
-    rows: list[Row]
+    rows: Sequence[Row]
     projection: str | None
     left_out: tuple[str, ...] = ()
 
@@ -263,9 +263,11 @@ def _shapefile(path: Path, data: bytes) -> _Layer:
             # The library warns of a file of another length than it declares.
             warnings.simplefilter("error", getattr(shapefile, "PossiblyCorruptFileHeader", UserWarning))
             reader = shapefile.Reader(**parts, encoding=_encoding(page, table), encodingErrors="replace")
-            values = (record.as_dict() for record in reader.iterRecords()) if table is not None else iter(())
+            values: Iterator[Mapping[str, object]] = iter(())
+            if table is not None:
+                values = (record.as_dict() for record in reader.iterRecords())
             shapes = islice(reader.iterShapes(), MOST_FEATURES + 1)
-            rows = [(next(values, {}), _of_json(shape.__geo_interface__)) for shape in shapes]
+            rows: list[Row] = [(next(values, {}), _of_json(shape.__geo_interface__)) for shape in shapes]
     except Exception as error:  # the library raises any type of error for a damaged file
         raise ValueError(f"{path} cannot be read as a shapefile: {shown(str(error)) or 'it ends early'}") from error
     return _Layer(rows, None if projection is None else projection.decode("utf-8", "replace").strip() or None)
