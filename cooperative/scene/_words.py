@@ -125,11 +125,13 @@ def in_words(value: object, where: str = "campaign") -> object:
     Raises:
         ValueError: the value holds what has no words, an open file for one.
     """
+    if isinstance(value, np.generic):
+        value = value.item()
     if value is None or isinstance(value, bool | str | int):
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else {"number": repr(value)}
-    if isinstance(value, np.ndarray | np.generic | jax.Array) and not np.asarray(value).dtype.hasobject:
+    if isinstance(value, np.ndarray | jax.Array) and not np.asarray(value).dtype.hasobject:
         array = np.asarray(value)
         return {"array": as_text(array), "dtype": array.dtype.str, "shape": list(array.shape)}
     if isinstance(value, list | tuple):

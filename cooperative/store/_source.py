@@ -51,6 +51,13 @@ class Source:
     beside: Mapping[str, object] = field(default_factory=dict)
     begun: bool = field(default=False, compare=False)
 
+    def __post_init__(self) -> None:
+        """Let `beside` hold what its file does: plain numbers, texts, lists and tables.
+
+        The text of a NumPy scalar is not that of the number that is read back, and identifies another campaign.
+        """
+        object.__setattr__(self, "beside", json.loads(json.dumps(dict(self.beside), default=_plain)))
+
     @cached_property
     def tables(self) -> dict[str, object]:
         """The tables of the text and those beside it.
@@ -84,9 +91,16 @@ class Source:
             OSError: the disk refuses.
         """
         # First, so that no scene is ever without what goes with it; alone it is no campaign yet.
-        write_aside(folder / CAMPAIGN, json.dumps(dict(self.beside)).encode())
+        write_aside(folder / CAMPAIGN, json.dumps(self.beside).encode())
         if self.text is not None:
             write_aside(folder / scene, self.text.encode())
+
+
+def _plain(value: object) -> object:
+    """A NumPy or JAX number, or an array of them, as JSON has it; TypeError for what has no numbers."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{short(repr(value), 200)} is no number, text, list or table: a folder keeps only these")
 
 
 def _tables_of(text: str) -> dict[str, object]:
