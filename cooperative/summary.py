@@ -6,7 +6,16 @@ from collections import Counter
 
 import numpy as np
 
-from cooperative.estimate import Correlation, CutOff, Phases, Slides, after_more_runs, correlation, effects_of
+from cooperative.estimate import (
+    Correlation,
+    CutOff,
+    Phases,
+    Slides,
+    after_more_runs,
+    correlation,
+    effects_of,
+    out_of_range,
+)
 from cooperative.measure import EDGE
 from cooperative.runs import phases_of
 from cooperative.scene import Campaign
@@ -225,6 +234,7 @@ def notes_of(
             f"{cut.broke_off} of {cut.of} slides broke off. Their displacement is a least value, and they have no "
             "part in the other consequences"
         )
+    notes += filter(None, [out_of_range(refined, slides.slid)])
     stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
     displacement, status = refined.columns.get("displacement", np.zeros(0)), refined.columns["status"]
     moving = stands & (status == "FINISHED")

@@ -3,7 +3,7 @@
 from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Audited, Subset, TwoPhase, named_estimator
 from cooperative.estimate._effect_values import CutOff, Effects, Element, ModeShare, Risk, Spread
-from cooperative.estimate._effects import effects_of
+from cooperative.estimate._effects import effects_of, out_of_range
 from cooperative.estimate._estimates import (
     Estimate,
     after_more_runs,
@@ -97,6 +97,7 @@ __all__ = [
     "named_estimator",
     "next_audit",
     "next_refined",
+    "out_of_range",
     "paired_difference",
     "published",
     "rank_samples",

@@ -49,9 +49,19 @@ class Slid:
     weight: np.ndarray
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A column (n,); where the rows, of an earlier version, lack it, nan, no mode and nothing that broke off."""
+        """A column (n,), numbers out of range nan; where the rows lack it, nan, no mode and nothing that broke off."""
         absent = {"mode": "", "broke_off": 0.0}.get(name, np.nan)
-        return self.columns.get(name, np.full(self.weight.size, absent))
+        return in_range(self.columns.get(name, np.full(self.weight.size, absent)))
+
+    def known(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """The values (k,) of a measure that are known, and what each stands for.
+
+        Args:
+            name: of its column.
+        """
+        values = self[name]
+        there = np.isfinite(values)
+        return values[there], self.weight[there]
 
     def where(self, mine: np.ndarray) -> Slid:
         """Some of the slides.
@@ -60,6 +70,30 @@ class Slid:
             mine: which (n,) bool.
         """
         return Slid({name: each[mine] for name, each in self.columns.items()}, self.weight[mine])
+
+
+def in_range(values: np.ndarray) -> np.ndarray:
+    """Measures (n,) of slides, nan where one is unknown: not finite, or below 0, which no measure is."""
+    return np.where(np.isfinite(values) & (values >= 0), values, np.nan) if values.dtype.kind == "f" else values
+
+
+def out_of_range(refined: Rows, slid: np.ndarray) -> str:
+    """Name the measures of slides that are no measures, and so count as unknown; empty where there are none.
+
+    Args:
+        refined: rows of the refined grid.
+        slid: which of them slid to their end (n,) bool.
+    """
+    bad = [
+        f"{name} = {values[at]:.3g} of sample {refined.numbers[at]}"
+        for name, values in refined.columns.items()
+        if name in MEASURES or "_at_" in name or name == "area_columns"
+        for at in np.flatnonzero(slid & ~np.isnan(values) & np.isnan(in_range(values)))
+    ]
+    if not bad:
+        return ""
+    several = f", and {len(bad) - 1} more" if len(bad) > 1 else ""
+    return f"{bad[0]}{several}: no measure is below 0 or without end, so that it counts as unknown"
 
 
 def effects_of(
@@ -98,24 +132,25 @@ def effects_of(
         modes=_modes(estimate, counting),
         consequences_of_failures=_means(deepest, estimate.level, slid, cut),
         exceedance={
-            name: exceedance(estimate, known.weight, known[name])
+            name: exceedance(estimate, weight, values)
             for name in CURVES
-            if (known := counting.where(np.isfinite(counting[name]))).weight.size
+            for values, weight in [counting.known(name)]
+            if values.size
         },
         risk=risk_of(elements_at_risk, estimate, counting, cut, unknown=bool(unknown)),
         fits={
-            group: {name: fit_distributions(mine[name], mine.weight) for name in MEASURES if mine.weight.size}
+            group: {name: fit_distributions(*mine.known(name)) for name in MEASURES if mine.weight.size}
             for group, mine in ({"all": whole} | by_mode).items()
         },
         severity={
             name: tuple(
                 severity_ranking(
-                    {mode: mine[name] for mode, mine in by_mode.items()},
-                    weights={mode: mine.weight for mode, mine in by_mode.items()},
+                    {mode: values for mode, (values, _) in known.items()},
+                    weights={mode: weight for mode, (_, weight) in known.items()},
                 )
             )
             for name in MEASURES
-            if by_mode
+            if (known := {mode: each for mode, mine in by_mode.items() if (each := mine.known(name))[0].size})
         },
     )
 
@@ -164,8 +199,12 @@ def risk_of(
     """
     if not elements_at_risk:
         return None
-    # A slide that broke off has no columns.
-    slid = counting.where(np.isfinite(counting["area_columns"]))
+    # A slide that broke off has no columns, and one that arrives with a number out of range no known loss.
+    usable = np.isfinite(counting["area_columns"])
+    for exposed in elements_at_risk:
+        arrival, *came = (counting[f"{what}_at_{exposed.key}"] for what in ("arrival", "thickness", "speed"))
+        usable &= ~np.isfinite(arrival) | np.isfinite(came).all(axis=0)
+    slid = counting.where(usable)
     if not slid.weight.size and unknown:
         return Risk(dict.fromkeys(element.name for element in elements_at_risk), None)
     weight, elements, at_least = slid.weight, {}, bool(cut.at_t_end)

@@ -262,8 +262,9 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
     mean = float(share @ values)
     if too_few(weight) or not mean > 0 or float(np.ptp(values)) <= ALIKE * mean:
         return None
-    parts = (share * (values - mean) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
+    # Relative to the mean, so that no square leaves the range of floating point.
+    parts = (share * (values / mean - 1) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
     variance = float(parts.sum())
     freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
-    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance) / mean
+    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance)
     return mean * float(np.exp(-half)), mean * float(np.exp(half))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize, stats
-from scipy.stats import rv_continuous
+from scipy.stats import FitError, rv_continuous
 from scipy.stats.distributions import rv_frozen
 
 from cooperative.estimate._estimates import FEWEST, effective_size
@@ -122,7 +122,16 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
         notes.append(f"{values.size} samples{worth} are too few to tell distributions apart: {ENOUGH} or more would do")
     left_out = [name for name, each in CANDIDATES.items() if each.positive and least <= 0]
     notes += [f"{name} is for positive values; the smallest is {least:.3g}" for name in left_out]
-    fits = [_fit(name, each, values, share) for name, each in CANDIDATES.items() if name not in left_out]
+    fits = []
+    for name, each in CANDIDATES.items():
+        if name in left_out:
+            continue
+        try:
+            fits.append(_fit(name, each, values, share))
+        except (FitError, ValueError, ArithmeticError) as error:
+            notes.append(f"{name} does not fit values from {least:.3g} to {values.max():.3g} ({error})")
+    if not fits:
+        return Fits((), values.size, None, None, tuple(notes))
     fits.sort(key=lambda fit: fit.aic)
     best = fits[0]
     if close := [fit.name for fit in fits[1:] if fit.aic - best.aic < 2]:
@@ -208,6 +217,8 @@ def _fit(name: str, candidate: Candidate, values: np.ndarray, weight: np.ndarray
         parameters = _weighted(candidate, values / scale, weight, parameters)
     parameters = (*parameters[:-2], parameters[-2] * scale, parameters[-1] * scale)
     log_likelihood = float(weight @ candidate.family.logpdf(values, *parameters))
+    if not np.isfinite([*parameters, log_likelihood]).all():
+        raise FitError("its likelihood is not finite")
     aic = 2 * FREE - 2 * log_likelihood
     bic = FREE * float(np.log(weight.sum())) - 2 * log_likelihood
     return Fit(name, tuple(float(parameter) for parameter in parameters), log_likelihood, aic, bic)

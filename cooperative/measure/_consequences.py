@@ -55,7 +55,8 @@ class Consequences:
             with a least volume that which so much soil has exceeded.
         depth: H (m), from crest level down to the deepest point of the sliding soil before it slid. Measured from the
             crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`, from
-            the surface above it, where that is most.
+            the surface above it, where that is most. At least 0: a particle may stick out of the surface that is
+            interpolated between points.
         runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
             `OpenGround`, from the rear of the mass before it slid to its front after, along its mean displacement: the
             travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271. Where the ground has a
@@ -140,7 +141,7 @@ def consequences(
         area = _covered(now[:, mass], half)
     return Consequences(
         displacement=float(magnitude[sliding][mass].max()) if least_volume is None else exceeding,
-        depth=float(depth),
+        depth=max(float(depth), 0.0),
         runout=float(beyond[mass].max()),
         volume=float(volume[sliding].sum()),
         area=float(area),
