@@ -14,6 +14,7 @@ from cooperative.estimate import (
     after_more_runs,
     correlation,
     effects_of,
+    in_range,
     out_of_range,
 )
 from cooperative.measure import EDGE
@@ -108,7 +109,7 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         freedom=_finite(estimate.freedom),
         planned_samples=phases.planned,
         failure_displacement=limit,
-        least_volume=campaign.run.least_volume,
+        least_volume=campaign.failing_volume,
         settle=campaign.run.settle is not None,
         annual_frequency=campaign.plan.annual_frequency,
         slide_weights={refined.numbers[at]: float(slides.weight[at]) for at in np.flatnonzero(slides.slid)},
@@ -237,6 +238,12 @@ def notes_of(
     notes += filter(None, [out_of_range(refined, slides.slid)])
     stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
     displacement, status = refined.columns.get("displacement", np.zeros(0)), refined.columns["status"]
+    smaller = in_range(refined.columns.get("volume", np.full(stands.size, np.nan)))[stands]
+    if campaign.failing_volume is not None and (smaller > 0).any():
+        notes.append(
+            f"in {(smaller > 0).sum()} of {stands.sum()} refined runs that stand less than {campaign.least_volume} of "
+            f"soil moved so far, {np.nanmax(smaller):.3g} at most. [run] least_volume says what is a failure"
+        )
     moving = stands & (status == "FINISHED")
     if run.settle is not None and moving.any():
         notes.append(

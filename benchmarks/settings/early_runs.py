@@ -132,13 +132,13 @@ def _rows(case: Case, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     soil, run = runs.random_soil(campaign), campaign.run
     model = runs.build(campaign, case.grid, soil)
     coefficients = runs.coefficients_of(campaign, soil)
-    watched = Watched(model.scene, Early(run.t_end), run.failure_displacement, run.least_volume)
+    watched = Watched(model.scene, Early(run.t_end), run.failure_displacement, campaign.failing_volume)
     strengths = (model.varied(jnp.asarray(coefficients[sample]))["strength"] for sample in numbers)
     for sample, result in solve_each(
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=run.t_end, settle=run.settle,
-        stop_at=run.failure_displacement, least_volume=run.least_volume, observe=watched.observe,
+        stop_at=run.failure_displacement, least_volume=campaign.failing_volume, observe=watched.observe,
     ):  # fmt: skip
-        displacement = float(farthest(model.scene, result.state, None, run.least_volume))
+        displacement = float(farthest(model.scene, result.state, None, campaign.failing_volume))
         steps, status = int(result.state.step), Status(int(result.status)).name
         time = steps * float(result.time_step)
         early = watched.decided.get(sample, (status, time, displacement))

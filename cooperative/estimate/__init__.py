@@ -3,7 +3,7 @@
 from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Audited, Subset, TwoPhase, named_estimator
 from cooperative.estimate._effect_values import CutOff, Effects, Element, ModeShare, Risk, Spread
-from cooperative.estimate._effects import effects_of, out_of_range
+from cooperative.estimate._effects import effects_of, in_range, out_of_range
 from cooperative.estimate._estimates import (
     Estimate,
     after_more_runs,
@@ -91,6 +91,7 @@ __all__ = [
     "exceedance",
     "fit_distributions",
     "fit_fragility",
+    "in_range",
     "mean_interval",
     "mean_of",
     "monte_carlo",

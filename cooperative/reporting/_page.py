@@ -92,9 +92,8 @@ def answer(results: Results) -> Iterator[str]:
         f"({summary.level:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
     )
     yield paragraph(
-        f"It fails when {failing_soil(results)} moves farther than {summary.failure_displacement:g} m. "
-        f"{sentences.screened(summary)}, {summary.refined_runs} of these on the refined one, "
-        f"where {summary.failures_refined} failed. {reach(results)}".strip()
+        f"{sentences.criterion(results)} {sentences.screened(summary)}, {summary.refined_runs} of these on the "
+        f"refined one, where {summary.failures_refined} failed. {reach(results)}".strip()
     )
     for line in (sentences.condition(summary), *sentences.at_risk(summary)):
         yield paragraph(line)
@@ -273,12 +272,6 @@ def reach(results: Results) -> str:
     reached = [at for at, chance in zip(curve.thresholds, curve.probability, strict=True) if chance >= 1 / many]
     unit = sentences.units(results)["runout"]
     return f"One slope in {many} slides to {reached[-1]:.3g} {unit} or farther." if reached else ""
-
-
-def failing_soil(results: Results) -> str:
-    """Whose displacement decides."""
-    volume, unit = results.summary.least_volume, "m3" if results.ground.dimension == 3 else "m2"
-    return "soil" if volume is None else f"at least {volume:g} {unit} of soil"
 
 
 def document(title: str, parts: Iterable[str]) -> str:

@@ -22,7 +22,7 @@ def words(results: Results) -> str:
         summary.name,
         f"  probability of failure  {summary.probability_of_failure:.3f}  "
         f"({summary.level:.0%} interval {low:.3f} to {high:.3f}; {summary.estimator})",
-        *(f"  {line}" for line in (unseen(summary), condition(summary)) if line),
+        *(f"  {line}" for line in (criterion(results), unseen(summary), condition(summary)) if line),
         *(f"  at risk        {line}" for line in at_risk(summary)),
     ]
     for method, other in summary.other_estimates.items():
@@ -52,6 +52,14 @@ def words(results: Results) -> str:
     lines += [f"  note: {note}" for note in summary.notes]
     lines.append(f"  report with figures: {results.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))
+
+
+def criterion(results: Results) -> str:
+    """What counts as a failure."""
+    summary, unit = results.summary, "m³" if results.ground.dimension == 3 else "m² of the section"
+    volume = summary.least_volume
+    soil = "any particle of soil" if volume is None else f"at least {number(volume)} {unit} of soil"
+    return f"It fails when {soil} moves farther than {number(summary.failure_displacement)} m, on either grid."
 
 
 def screened(summary: Summary) -> str:

@@ -87,7 +87,7 @@ def run_samples(
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end,
         settle=model.campaign.settles(stop_at), slides_end=model.slides_end, stop_at=stop_at,
-        least_volume=run.least_volume, on_chunk=looked,
+        least_volume=model.campaign.failing_volume, on_chunk=looked,
         observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
     ):  # fmt: skip
         lane = under_way.lanes.pop(number)
@@ -220,7 +220,7 @@ def finished(
         if history is not None:
             fields["plastic_strain"] = np.asarray(history, np.float32)
     row: dict[str, Scalar]
-    volume, least = np.asarray(scene.particles.volume), campaign.run.least_volume
+    volume, least = np.asarray(scene.particles.volume), campaign.failing_volume
     limit = campaign.run.failure_displacement
     if bool(result.broke_off) or decided:
         reached = np.linalg.norm(displacement, axis=0)

@@ -6,13 +6,16 @@ Nothing in it changes.
 from __future__ import annotations
 
 import copyreg
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
+import shapely
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -30,6 +33,10 @@ from jaxmpm.soil import AnySoil
 
 V = TypeVar("V")
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
+SHARE = 0.05
+"""Least volume that counts as a failure where the scene does not give one, over the size of the slope."""
+THICKNESSES = 3.0
+"""Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
 
 
 def _read_only(values: dict[str, V]) -> MappingProxyType[str, V]:
@@ -216,10 +223,28 @@ class Campaign:
         """The elements at risk; none where the campaign has no hazard."""
         return self.hazard.places if self.hazard else ()
 
+    @cached_property
+    def failing_volume(self) -> float | None:
+        """Least volume of soil (m3, in a section m2) whose motion is a failure, None where that of any particle is.
+
+        The same on all grids. Where the run does not give it, SHARE of h^2 in a section and of h^3 in 3D: h is the
+        height of the slope, or THICKNESSES mean thicknesses of the ground where that is less, and no edge of that
+        square or cube is longer than the ground. At least a particle of the coarsest grid.
+        """
+        if self.run.least_volume is not None:
+            return self.run.least_volume or None
+        shape, plan = self.site.shape, self.site.shape.extent[:-1]
+        polygon = getattr(shape, "polygon", None)
+        area = math.prod(plan) if polygon is None else shapely.Polygon(polygon).area
+        height = min(self.site.height, THICKNESSES * ground.volume(shape) / area)
+        volume = SHARE * height * math.prod(min(height, edge) for edge in plan)
+        particle = max(math.prod(grid.spacing) for grid in self.grids.values())
+        return float(f"{max(volume, particle):.3g}")
+
     @property
     def least_volume(self) -> str | None:
-        """Least volume of soil that counts as a failure, with its unit; None where any particle does."""
-        volume, unit = self.run.least_volume, "m3" if self.dimension == 3 else "m2"
+        """The same with its unit, in words."""
+        volume, unit = self.failing_volume, "m3" if self.dimension == 3 else "m2"
         return None if volume is None else f"{volume:g} {unit}"
 
 
@@ -263,7 +288,7 @@ def check_campaign(campaign: Campaign) -> None:
             "one of them out"
         )
     volume = ground.volume(campaign.site.shape)
-    if run.least_volume is not None and run.least_volume >= volume:
+    if campaign.failing_volume is not None and campaign.failing_volume >= volume:
         raise ValueError(
             f"least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
         )

@@ -35,10 +35,6 @@ from jaxmpm.run import FactorOfSafety
 
 NAME = "measured.json"
 
-SHARE = 0.05
-"""Least volume that counts as a failure where the scene does not give one, over the height of the slope to the power of
-the dimensions."""
-
 BESIDE = 0.02
 """How far below and above the factor of the limit load displacements are taken, over that factor."""
 
@@ -110,7 +106,7 @@ def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibrat
     factors = {
         grid: factor_of_safety(
             *unshaken(grids[grid]), failure_displacement=run.failure_displacement, t_end=run.t_end,
-            batch=_factors_at_once(), settle=run.settle, least_volume=run.least_volume,
+            batch=_factors_at_once(), settle=run.settle, least_volume=campaign.failing_volume,
         ).stable
         for grid in GRIDS
     }  # fmt: skip
@@ -153,9 +149,13 @@ def failing_volume(campaign: Campaign) -> float:
 
     Args:
         campaign: the campaign.
+
+    Raises:
+        ValueError: any particle is a failure.
     """
-    volume = campaign.run.least_volume
-    return float(f"{SHARE * campaign.site.height**campaign.dimension:.3g}") if volume is None else volume
+    if campaign.failing_volume is None:
+        raise ValueError("least_volume = 0: any particle moves below a limit load, give more or leave it out")
+    return campaign.failing_volume
 
 
 def limit_load_factor(

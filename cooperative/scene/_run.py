@@ -40,7 +40,8 @@ class Run:
         slides_t_end: up to when slides of the refined grid go on (s), None up to t_end.
         failure: what is failure, a displacement that is given or that at the limit load of the median soil.
         failure_displacement: from which soil counts as sliding (m).
-        least_volume: of soil that moves so far where a slope fails (m3, in a section m2), None for any particle.
+        least_volume: of soil that moves so far where a slope fails (m3, in a section m2), 0 for any particle, None by
+            the size of the slope, see `Campaign.failing_volume`.
         settle: when a lane has settled, None for never; unless given, a slide, which exceeds the failure displacement,
             once its deposit rests.
         early: whether a run of which only the class is asked for ends by `jaxmpm.run.Early`; None where that holds.
@@ -131,7 +132,7 @@ class Run:
         if settle is not None and settle.slides is not None:
             settle = replace(settle, slides=limit_load.displacement)
         return replace(
-            self, failure_displacement=limit_load.displacement, least_volume=limit_load.volume, settle=settle
+            self, failure_displacement=limit_load.displacement, least_volume=limit_load.volume or 0.0, settle=settle
         )
 
 
@@ -149,6 +150,11 @@ def check_limit_load(run: tables.Run, given: LimitLoad | None) -> None:
     if asked and "failure_displacement" in run.model_fields_set:
         raise ValueError(
             "[run] failure_displacement has no effect beside failure = 'limit load', which finds it: leave it out"
+        )
+    if asked and run.least_volume == 0:
+        raise ValueError(
+            "[run] least_volume = 0 beside failure = 'limit load': any particle moves below the limit load, give more "
+            "or leave it out"
         )
     if given is None:
         return

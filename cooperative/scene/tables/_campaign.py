@@ -12,6 +12,7 @@ import kl
 from cooperative.estimate import ESTIMATORS, SubsetPlan
 from cooperative.scene.tables._key import (
     AboveZero,
+    FromZero,
     Length,
     PerAxis,
     Seconds,
@@ -122,13 +123,14 @@ class Run(Table):
         1.0,
         synonyms="threshold criterion limit",
     )
-    least_volume: AboveZero | None = key(
-        "Volume of soil that must move farther than `failure_displacement` for a sample to fail, so that a few grains "
-        "are no failure. In a section an area (m2).",
+    least_volume: FromZero | None = key(
+        "Volume of soil that must move farther than `failure_displacement` for a sample to fail, on either grid, so "
+        "that a few grains are no failure. In a section an area (m2). 0 counts any particle.",
         5.0,
         None,
         units="m3",
-        otherwise='any particle; with `"limit load"` 0.05 h^2 in a section, 0.05 h^3 in 3D, h the slope\'s height',
+        otherwise="0.05 h^2 in a section, 0.05 h^3 in 3D, no wider than the ground; h is the slope's height, or three "
+        "mean thicknesses of the ground where that is less",
     )
     settle: bool = key("Whether a run ends once its slope has come to rest.", True, True)
     rest: bool | None = key("Whether a slide ends once its deposit rests.", True, None, otherwise="as `settle`")

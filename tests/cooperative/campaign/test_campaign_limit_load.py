@@ -114,7 +114,7 @@ def test_a_folder_of_before_counts_any_particle(tmp_path):
     with open_store(tmp_path, PLASTIC) as store:
         (tmp_path / "limit_load.json").write_text('{"factor": 1.1, "displacement": 0.3}')
         campaign = campaign_of(store)
-    assert (campaign.run.failure_displacement, campaign.run.least_volume) == (0.3, None)
+    assert (campaign.run.failure_displacement, campaign.failing_volume) == (0.3, None)
     (tmp_path / "limit_load.json").write_text('{"factor": 1.1, "displacement": -1}')
     with pytest.raises(ValueError, match=r"limit_load\.json holds no limit load .*delete it to measure it again"):
         campaign_of(read_store(tmp_path))
@@ -131,11 +131,13 @@ def test_what_does_not_go_with_it_is_refused():
     with pytest.raises(ValueError, match=r"least_volume = 7\.5 and \[limit_load\] volume = 3\.0 differ"):
         parse(other)
     for volume, message in (
-        (0.0, r"\[run\] least_volume = 0: give a finite value above 0"),
+        (-1.0, r"\[run\] least_volume = -1: give a finite value of 0 or more"),
         (1e4, "least_volume = 10000 m2: give more than 0 and less than .* 160"),
     ):
         with pytest.raises(ValueError, match=message):
             parse(TINY.replace("t_end = 4.0", f"t_end = 4.0\nleast_volume = {volume}"))
+    with pytest.raises(ValueError, match="least_volume = 0 beside failure = 'limit load'"):
+        parse(PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nleast_volume = 0"))
     early = PLASTIC.replace("k_t = 2", "k_t = 2\nscreening_stop = 0.2")
     assert parse(early).plan.screening_stop == 0.2
     with pytest.raises(ValueError, match=r"screening_stop = 0\.2 m is below the failure displacement of 0\.3 m"):
