@@ -24,7 +24,6 @@ from cooperative.scene import (
     examples,
     parse,
     read_scene,
-    remarks,
     starters,
     write_example,
 )
@@ -45,7 +44,7 @@ def default_workers() -> int:
 def run(given: argparse.Namespace) -> None:
     """Run a campaign of a scene, or go on where it was."""
     scene = _scene(given)
-    for remark in remarks(parse(scene)):
+    for remark in runs.warnings_of(parse(scene)):
         warnings.warn(remark, stacklevel=2)
     _run(scene, given.out, given)
 
@@ -64,8 +63,8 @@ def _run(scene: Source, folder: Path, given: argparse.Namespace) -> None:
     with runs.stop_by_signals(ends_process=True):
         executor = None if given.dask is None else runs.dask_executor(given.dask)
         campaign.run(
-            scene, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs, progress=True,
-            verify=given.verify,
+            scene, folder, workers=given.workers, executor=executor, refined_runs=given.refined_runs,
+            slides_t_end=given.slides_t_end, progress=True, verify=given.verify,
         )  # fmt: skip
     print(report(folder))
 
@@ -264,6 +263,12 @@ def parser() -> argparse.ArgumentParser:
             type=int,
             metavar="RUNS",
             help="allow more than the scene does; the folder keeps it",
+        )
+        each.add_argument(
+            "--slides-t-end",
+            type=float,
+            metavar="SECONDS",
+            help="let slides that had not come to rest go on until then; the folder keeps it",
         )
         each.add_argument(
             "--verify",

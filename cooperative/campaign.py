@@ -17,9 +17,10 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Screened, Slides
 from cooperative.folder import Results, write_results
-from cooperative.scene import Campaign, Measured, in_folder, measure, write_budget
+from cooperative.scene import Campaign, Measured, in_folder, measure, write_budget, write_slides_end
 from cooperative.store import (
     COARSE,
+    MOVING,
     SLIDES,
     Rows,
     Sample,
@@ -40,6 +41,7 @@ def run(
     workers: int = 1,
     executor: Callable[[], Executor] | None = None,
     refined_runs: int | None = None,
+    slides_t_end: float | None = None,
     progress: bool = False,
     estimator: Estimator | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
@@ -57,6 +59,8 @@ def run(
         executor: makes another `concurrent.futures.Executor` (Dask's, for a cluster) that takes `workers` samples at a
             time.
         refined_runs: allow so many, which is more than the scene does; the folder stores that.
+        slides_t_end: let slides that had not come to rest go on until then (s), later than the scene does; the folder
+            stores that. No run is repeated whose restart point is there.
         progress: show bars on a terminal; where there is none, lines on stderr and in the folder's progress.log.
         estimator: a frozen dataclass with the methods of `cooperative.Estimator`, in place of one that the scene names.
             The folder stores it in words: whoever goes on with it, reports it or reads its progress has to give the
@@ -73,7 +77,7 @@ def run(
         ValueError: a scene, a size or a folder that will not do, before anything is run or written.
     """
     folder = Path(folder)
-    campaign, source = in_folder(scene, folder, estimator, refined_runs)
+    campaign, source = in_folder(scene, folder, estimator, refined_runs, slides_t_end)
     unmeasured, grids = replace(campaign, measured=Measured(campaign.measured.terms)), tuple(campaign.grids)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
@@ -98,6 +102,8 @@ def run(
                         runs.keep_initial(folder, model.grid, model.scene, model.state)
                     if campaign.raised is not None:
                         write_budget(folder, campaign.raised)
+                    if slides_t_end is not None:
+                        write_slides_end(folder, slides_t_end)
                     campaign = measure(campaign, folder, models["rough"].soil.counts, models)
                     models = {grid: model.with_measured(campaign) for grid, model in models.items()}
                     runs.keep_ground(folder, models)
@@ -261,7 +267,7 @@ def _slide_on(
     A sample that is drawn and has not run refined runs to its end; where it stands, the next is drawn.
     """
     plan = runner.campaign.plan
-    if not plan.slides:
+    if plan.slides == 0:
         return
 
     def known() -> tuple[list[int], Slides]:
@@ -270,7 +276,8 @@ def _slide_on(
         return refined.numbers, Slides.of(phases, refined.numbers, refined.ended, plan.slides, plan.seed)
 
     numbers, so_far = known()
-    with runner.bar("slides", so_far.planned, int(so_far.slid.sum())) as bar:
+    # Without a number of slides all failures of the audit have slid to their end.
+    with runner.bar("slides", so_far.planned, int(so_far.slid.sum())) if plan.slides else nullcontext() as bar:
         while so_far.wanted:
             for sample in runner.samples("refined", so_far.wanted, coefficients, slides=True):
                 write_sample(store, SLIDES if sample.number in numbers else "refined", sample)
@@ -278,8 +285,27 @@ def _slide_on(
                     bar.update()
                 runner.stop.look()
             numbers, so_far = known()
+    _slide_longer(runner, store, rows, so_far, coefficients)
     for number in numbers:
         restart_path(store.folder, SLIDES, number).unlink(missing_ok=True)
+
+
+def _slide_longer(
+    runner: _Runs, store: Store, rows: Callable[[str], Rows], slides: Slides, coefficients: np.ndarray
+) -> None:
+    """Let slides go on that had not come to rest at an earlier end than slides have now."""
+    refined, last = rows("refined"), runner.campaign.run.last("refined")
+    early = refined.columns.get("time", np.full(len(refined.numbers), np.inf)) < last * (1 - 1e-6)
+    moving = np.flatnonzero(slides.slid & early & (refined.columns["status"] == "FINISHED"))
+    if not moving.size:
+        return
+    with runner.bar("slides that had not come to rest", moving.size, 0) as bar:
+        for sample in runner.samples("refined", [refined.numbers[at] for at in moving], coefficients, slides=True):
+            write_sample(store, SLIDES, sample, longer=True)
+            if sample.status != "FINISHED":
+                restart_path(store.folder, MOVING, sample.number).unlink(missing_ok=True)
+            bar.update()
+            runner.stop.look()
 
 
 def _in_rank_order(wanted: Callable[[Collection[int]], list[int]], known: Screened) -> Iterator[int]:

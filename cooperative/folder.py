@@ -30,9 +30,9 @@ MOST_BYTES = 2**26
 """Largest size (bytes) of a summary, or of what it is made from."""
 CHECKSUM = "checksum"
 """Key of a summary that records whether it is whole, and of which rows."""
-CONTENT = 9
+CONTENT = 10
 """Of what a summary holds, counted up when it holds more: one of an earlier version is made anew."""
-MADE_FROM = ("measured.json", "budget.json")
+MADE_FROM = ("measured.json", "budget.json", "slides.json")
 """Files of a campaign's folder that hold what its scene and rows do not."""
 
 

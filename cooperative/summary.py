@@ -18,7 +18,7 @@ from cooperative.estimate import (
     out_of_range,
 )
 from cooperative.measure import EDGE
-from cooperative.runs import phases_of
+from cooperative.runs import phases_of, warnings_of
 from cooperative.scene import Campaign
 from cooperative.store import Rows
 from cooperative.values import Convergence, MoreRuns, OtherEstimate, StandsFor, Summary
@@ -103,6 +103,7 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         broke_off={grid: _broken(rows) for grid, rows in tables.items()},
         seconds={grid: float(np.sum(rows.columns["seconds"])) for grid, rows in tables.items()},
         refined_runs_allowed=campaign.raised,
+        warnings=tuple(warnings_of(campaign)),
         notes=notes_of(campaign, phases, rough, refined, slides, effects.cut_off),
         estimate_runs=estimate.refined_runs,
         audit_variance=estimate.audit_variance,
@@ -228,7 +229,7 @@ def notes_of(
         how = "had not come to rest" if run.settle else "were not looked at for rest (settle = false)"
         notes.append(
             f"{cut.at_t_end} of {cut.of} slides {how} when they ended at {cut.t_end:g} s, so their "
-            "consequences are least values. A later [run] slides_t_end lets slides run on"
+            "consequences are least values. `jaxmpm resume --slides-t-end SECONDS` lets them go on from there"
         )
     if cut.broke_off:
         notes.append(

@@ -123,7 +123,8 @@ class Summary:
         severity: modes by the median of each consequence, most severe first.
         seconds: of all runs of each grid (s).
         refined_runs_allowed: where the folder allows more than the scene.
-        notes: what limits the numbers, in sentences.
+        warnings: what limits the numbers and was known before the first run, as `jaxmpm check` says it, in sentences.
+        notes: what limits the numbers and shows in the runs, in sentences.
         estimate_runs: refined runs of the estimate.
         audit_variance: as in `Estimate`.
         freedom: as in `Estimate`, None for no limit.
@@ -169,6 +170,7 @@ class Summary:
     severity: Mapping[str, tuple[Severity, ...]]
     seconds: Mapping[str, float]
     refined_runs_allowed: Budget | None
+    warnings: tuple[str, ...]
     notes: tuple[str, ...]
     estimate_runs: int
     audit_variance: float

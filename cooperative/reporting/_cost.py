@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cooperative.runs import Cost, Reach, reach_of
-from cooperative.scene import Campaign, remarks
+from cooperative.runs import Cost, reach_of, warnings_of
+from cooperative.scene import Campaign
 from jaxmpm import ground
 
 
@@ -44,17 +44,8 @@ def words_of_cost(scene: Campaign, cost: Cost) -> Iterator[str]:
             f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
             f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
         )
-    yield from (f"  WARNING        {remark}" for remark in (*remarks(scene), *_short(reach)))
+    yield from (f"  WARNING        {remark}" for remark in warnings_of(scene))
     yield f"  memory         {cost.memory / 1e9:.2g} GB for all grids in one process"
     hours = {grid: cost.hours(grid) for grid in cost.sizes}
     each = ", ".join(f"{hours[grid]:.3g} on the {grid} grid" for grid in hours)
     yield f"  time           at most {sum(hours.values()):.3g} hours of one core, {each}; many runs end sooner"
-
-
-def _short(reach: Reach | None) -> Iterator[str]:
-    """What to do where a slide may reach the end of the ground."""
-    if reach is not None and reach.short:
-        yield (
-            f"a slide may reach the end of the ground, {reach.ground:g} m beyond the toe: make that {reach.slide:.0f} "
-            "m, or look in the summary for walls that slides reach"
-        )

@@ -103,7 +103,7 @@ def answer(results: Results) -> Iterator[str]:
             f"{summary.planned_samples} samples on the rough grid and {summary.refined_runs} refined runs.",
             "note",
         )
-    for note in [*summary.notes, *(f"broke off: {line}" for line in sentences.broken(summary))]:
+    for note in [*summary.warnings, *summary.notes, *(f"broke off: {line}" for line in sentences.broken(summary))]:
         yield paragraph(note, "note")
 
 

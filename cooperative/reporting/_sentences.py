@@ -49,6 +49,7 @@ def words(results: Results) -> str:
             lines.append(f"  {name:<13}  mean {mean} ({interval(spread)}), {ends} ({units(results)[name]})")
     lines += [f"  BROKE OFF      {line}" for line in broken(summary)]
     lines += [f"  LEFT OUT       {line}" for line in results.left_out]
+    lines += [f"  WARNING        {warning}" for warning in summary.warnings]
     lines += [f"  note: {note}" for note in summary.notes]
     lines.append(f"  report with figures: {results.store.folder / 'report.html'}")
     return "\n".join(map(printable, lines))

@@ -19,7 +19,7 @@ from cooperative.runs._ground import (
 from cooperative.runs._model import GridModel
 from cooperative.runs._processes import cores_to_use, process_pool
 from cooperative.runs._random_soil import RandomSoil, random_soil
-from cooperative.runs._reach import Reach, reach_of
+from cooperative.runs._reach import Reach, reach_of, warnings_of
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, finished, run_samples
 from cooperative.runs._sampling import coefficients_of, draw_by, phases_of, row_of, samples_of, sampling_of
@@ -82,4 +82,5 @@ __all__ = [
     "soil_of",
     "stop_by_signals",
     "verify_initial",
+    "warnings_of",
 ]

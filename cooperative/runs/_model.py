@@ -55,8 +55,8 @@ class GridModel:
 
     @property
     def slides_on(self) -> bool:
-        """Whether a run that ends once it has failed may be asked to slide on."""
-        return self.grid == "refined" and bool(self.campaign.plan.slides)
+        """Whether a run that has failed, or a slide that has not come to rest, may be asked to slide on."""
+        return self.grid == "refined" and self.campaign.plan.slides != 0
 
     @property
     def slides_end(self) -> tuple[float, float] | None:

@@ -1,13 +1,14 @@
-"""How far a slide may run beyond the toe, by its energy, before anything is run."""
+"""What a reader of a scene should know before it runs; how far a slide may run beyond the toe, by its energy."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from cooperative.scene import Campaign
+from cooperative.scene import Campaign, remarks
 from jaxmpm.soil import AnySoil, FrictionalSoil, Soil
 
 POINTS = 2000
@@ -33,6 +34,31 @@ class Reach:
     def short(self) -> bool:
         """Whether a slide may reach the end of the ground."""
         return self.slide > self.ground
+
+
+def warnings_of(campaign: Campaign) -> Iterator[str]:
+    """What is allowed in a campaign and limits its answer, known before anything is run.
+
+    Args:
+        campaign: the campaign.
+
+    Yields:
+        Sentences.
+    """
+    yield from remarks(campaign)
+    for layer, thickness in zip(campaign.site.layers, campaign.site.thicknesses, strict=True):
+        few = [grid for grid, numerics in campaign.grids.items() if thickness.too_thin(numerics.cell)]
+        if few:
+            yield (
+                f"{layer.label}, {thickness.metres:.3g} m thick, is weak and thin for the cells of the "
+                f"{' and the '.join(few)} grid: it is too strong there"
+            )
+    reach = reach_of(campaign)
+    if reach is not None and reach.short:
+        yield (
+            f"a slide may reach the end of the ground, {reach.ground:g} m beyond the toe: make that {reach.slide:.0f} "
+            "m, or look in the summary for walls that slides reach"
+        )
 
 
 def reach_of(campaign: Campaign) -> Reach | None:

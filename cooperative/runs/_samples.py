@@ -17,7 +17,7 @@ from cooperative.measure import FailureMode, ModeRules, Motion, consequences, ex
 from cooperative.runs._model import GridModel
 from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
-from cooperative.store import SLIDES, Sample, Scalar, stored_source
+from cooperative.store import MOVING, SLIDES, Sample, Scalar, stored_source
 from jaxmpm import Face, Result, Status, passing, solve_each
 from jaxmpm.run import Chunk, Midway
 
@@ -53,8 +53,8 @@ def run_samples(
             those that are there; None, or a folder that is not there, is for runs without.
         stop: called after every chunk of steps; once it is true no further sample begins, and those under way write
             restart points.
-        slides: go on from where refined runs had failed, see `Plan.slides`; a run without a restart point starts
-            afresh.
+        slides: go on from where refined runs had failed, see `Plan.slides`, or from where slides that had not come to
+            rest ended; a run without a restart point starts afresh.
 
     Yields:
         Each sample, its `seconds` those after the one before.
@@ -138,9 +138,10 @@ class _UnderWay:
     def begin(self, number: int) -> Midway | None:
         """Where a sample goes on from."""
         point = None
-        if self.folder is not None:
-            of = self.folder, self.stored_as, number, self.digest
-            point = read_restart(*of, like=self.model.state, start=self.at_rest)
+        for kept in (self.stored_as, MOVING) if self.stored_as == SLIDES else (self.stored_as,):
+            if self.folder is not None and point is None:
+                of = self.folder, kept, number, self.digest
+                point = read_restart(*of, like=self.model.state, start=self.at_rest)
         past = (self.at_rest, Frames(), 0.0) if point is None else (point.motion, point.frames, point.seconds)
         self.lanes[number] = _Lane(*past, time.perf_counter())
         return None if point is None else point.midway
@@ -157,9 +158,11 @@ class _UnderWay:
         Raises `Stopped` after the last one, if none waits to be given out.
         """
         lane, plan = self.lanes[number], self.model.campaign.plan
-        running = bool(midway.state.status == Status.RUNNING)
+        running, over = (bool(midway.state.status == each) for each in (Status.RUNNING, Status.FINISHED))
         # A refined run that has failed may be asked to slide on from here.
         failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
+        # A slide that has not come to rest may be asked to go on later.
+        moving = over and self.model.slides_on and self._slid(midway)
         if seconds > lane.motion.times[-1]:  # a lane with a number that none may have takes no step
             magnitude = np.asarray(_magnitude(midway.state.displacement))
             lane.motion = lane.motion.after(seconds, magnitude)
@@ -168,16 +171,23 @@ class _UnderWay:
                 lane.frames = lane.frames.after(seconds, midway.state.displacement)
         now = time.perf_counter()
         due = self.stopping or now - lane.written > plan.restart_every
-        if self.folder is not None and ((due and running) or failed):
+        if self.folder is not None and ((due and running) or failed or moving):
             state = replace(midway.state, status=jnp.asarray(int(Status.RUNNING), jnp.int32))
             taken = lane.before + now - self.started
             point = RestartPoint(replace(midway, state=state), lane.motion, lane.frames, taken)
-            write_restart(self.folder, SLIDES if failed else self.stored_as, number, self.digest, point)
+            kept = SLIDES if failed else MOVING if moving else self.stored_as
+            write_restart(self.folder, kept, number, self.digest, point)
             lane.written = now
         self.busy -= 1
         self.ended = self.ended or not running
         if self.stopping and not self.busy and not self.ended:
             raise Stopped
+
+    def _slid(self, midway: Midway) -> bool:
+        """Whether enough soil of a run has moved as far as a failure."""
+        campaign, volume = self.model.campaign, np.asarray(self.model.scene.particles.volume)
+        moved = np.asarray(_magnitude(midway.state.displacement))
+        return exceeded(moved, volume, campaign.failing_volume) > campaign.run.failure_displacement
 
 
 @jax.jit
@@ -250,8 +260,9 @@ def finished(
             fields["slice_depth"] = mode.depth.astype(np.float32)
     settle = campaign.settles(limit)
     if settle is not None and settle.early is not None and int(result.status) == Status.DECIDED:
-        time = float(result.state.step * result.time_step)
-        row["displacement"] = float(settle.early.projected(np.asarray(row["displacement"], float), np.asarray(time)))
+        time = np.asarray(float(result.state.step * result.time_step))
+        row["displacement"] = float(settle.early.projected(np.asarray(row["displacement"], float), time))
+    row["time"] = float(result.state.step * result.time_step)
     row |= {} if level is None else {"water_level": level}
     return Sample(
         number=number,

@@ -25,6 +25,7 @@ from cooperative.scene._stored import (
     stored_measured,
     with_measured,
     write_budget,
+    write_slides_end,
 )
 from cooperative.scene._typed import built, parse, read_scene
 from cooperative.scene._variants import BASE, RANKED, Variant, campaigns_of, variants, with_measured_of_base
@@ -86,4 +87,5 @@ __all__ = [
     "write_budget",
     "write_example",
     "write_measured",
+    "write_slides_end",
 ]

@@ -23,6 +23,7 @@ from foundation import files
 from foundation.text import shown
 
 BUDGET = "budget.json"
+SLIDES_END = "slides.json"
 T = TypeVar("T")
 
 
@@ -33,7 +34,7 @@ def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:
         store: the campaign's folder.
         estimator: that of the script, where one gave it.
     """
-    return _grown(read(store.source, estimator), store.folder, None)
+    return _grown(read(store.source, estimator), store.folder, None, None)
 
 
 def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = None) -> Campaign:
@@ -52,7 +53,11 @@ def read(scene: Campaign | Source | str | Path, estimator: Estimator | None = No
 
 
 def in_folder(
-    scene: Campaign | Source | str | Path, folder: Path, estimator: Estimator | None, refined_runs: int | None
+    scene: Campaign | Source | str | Path,
+    folder: Path,
+    estimator: Estimator | None,
+    refined_runs: int | None,
+    slides_t_end: float | None = None,
 ) -> tuple[Campaign, Source]:
     """A campaign that begins in a folder or goes on there, and what it was made from.
 
@@ -63,16 +68,18 @@ def in_folder(
         folder: of the campaign, which need not be there.
         estimator: that of the script, where one gave it.
         refined_runs: allowed from now on, None for as many as before.
+        slides_t_end: until when slides go on from now on (s), None for as long as before.
 
     Raises:
-        ValueError: as `read`, for a folder of another campaign, and for runs that are allowed already.
+        ValueError: as `read`, for a folder of another campaign, for runs that are allowed already, and for an end of
+            slides that is earlier than theirs is.
     """
     if isinstance(scene, Campaign) and scene.source.text is not None:
         estimator = scene.estimator if "estimator" in scene.source.tables else None
         scene = scene.source
     campaign = read(scene if isinstance(scene, Campaign) else settled(scene, folder), estimator)
     refuse_another(folder, campaign.source)
-    return _grown(campaign, folder, refined_runs), campaign.source
+    return _grown(campaign, folder, refined_runs, slides_t_end), campaign.source
 
 
 def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Source:
@@ -103,11 +110,26 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
     return Source(source.text, {**source.beside, "defaults": today})
 
 
-def _grown(campaign: Campaign, folder: Path, refined_runs: int | None) -> Campaign:
-    """The campaign with what its folder has measured and the refined runs that it is to allow.
+def _grown(campaign: Campaign, folder: Path, refined_runs: int | None, slides_t_end: float | None) -> Campaign:
+    """The campaign with what its folder has measured, the refined runs that it is to allow and the end of its slides.
 
     Raises ValueError for no more than is allowed already, or an estimator without such a setting.
     """
+    stored = _content(
+        folder / SLIDES_END, tables.LongerSlides, "end of slides", "delete it, and say --slides-t-end again"
+    )
+    if stored is not None:
+        campaign = replace(campaign, run=replace(campaign.run, slides_t_end=stored.t_end))
+    if slides_t_end is not None:
+        last = campaign.run.last("refined")
+        if not last <= slides_t_end < float("inf"):
+            raise ValueError(f"slides_t_end = {slides_t_end:g} s: slides go on until {last:g} s already, give more")
+        if campaign.plan.slides == 0:
+            raise ValueError(
+                f"slides_t_end = {slides_t_end:g} s: the scene asks for no slides (slides = 0), so that none goes on: "
+                "leave it out"
+            )
+        campaign = replace(campaign, run=replace(campaign.run, slides_t_end=float(slides_t_end)))
     budget = stored_budget(folder)
     if refined_runs is not None:
         budget = _more(campaign, budget, refined_runs)
@@ -157,6 +179,19 @@ def write_budget(folder: Path, budget: tables.Budget) -> None:
     """
     if stored_budget(folder) != budget:
         write_aside(folder / BUDGET, json.dumps(asdict(budget)).encode())
+
+
+def write_slides_end(folder: Path, t_end: float) -> None:
+    """Keep until when slides go on in a campaign's folder.
+
+    Args:
+        folder: of the campaign.
+        t_end: that time (s).
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    write_aside(folder / SLIDES_END, json.dumps(asdict(tables.LongerSlides(t_end))).encode())
 
 
 def stored_budget(folder: Path) -> tables.Budget | None:

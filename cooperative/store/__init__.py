@@ -28,7 +28,7 @@ from cooperative.store._disk import (
     write_sample,
 )
 from cooperative.store._opened import lock_holder, open_store, read_store
-from cooperative.store._samples import COARSE, GRIDS, SLIDES, Record, Rows, Sample, Store
+from cooperative.store._samples import COARSE, GRIDS, MOVING, SLIDES, Record, Rows, Sample, Store
 from cooperative.store._source import (
     CAMPAIGN,
     FIRST_DEFAULTS,
@@ -50,6 +50,7 @@ __all__ = [
     "FIRST_DEFAULTS",
     "GRIDS",
     "MOST_TEXT",
+    "MOVING",
     "SCENE",
     "SLIDES",
     "DamagedFile",

@@ -78,13 +78,14 @@ def restart_path(folder: str | Path, grid: str, number: int) -> Path:
     return Path(folder) / "restart" / f"{grid}-{number:06d}.h5"
 
 
-def write_sample(store: Store, grid: str, sample: Sample) -> Path:
+def write_sample(store: Store, grid: str, sample: Sample, *, longer: bool = False) -> Path:
     """Write one finished sample, whole or not at all, and its line in the index; its restart point is removed.
 
     Args:
         store: the campaign's folder.
         grid: "rough" or "refined".
         sample: to be written.
+        longer: whether the run goes on where the one that is there ended, whose place it takes.
 
     Raises:
         ValueError: a store opened for reading, or a sample that is there already.
@@ -93,7 +94,7 @@ def write_sample(store: Store, grid: str, sample: Sample) -> Path:
     path = sample_path(store, grid, sample.number)
     if store.lock is None:
         raise ValueError(f"{store.folder} is open for reading: use open_store to write {path.name}")
-    if os.path.lexists(path):
+    if os.path.lexists(path) and not longer:
         raise ValueError(f"{path} is finished already: results are never overwritten, delete it to redo it")
     hdf5.write_sealed(path, KIND, SCHEMA, lambda file: fill_sample(file, store, grid, sample))
     _add_to_index(store, grid, stamp_of(path), sample.record)

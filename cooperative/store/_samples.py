@@ -21,6 +21,10 @@ SLIDES = "slides"
 """Beside the grids: refined runs that went on from where they had failed to the end of their slide."""
 
 
+MOVING = "moving"
+"""Restart points of slides that had not come to rest when they ended."""
+
+
 class AnotherScene(DamagedFile):
     """A whole file of a sample of another scene."""
 

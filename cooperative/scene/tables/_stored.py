@@ -85,6 +85,17 @@ class Budget:
     scene: Runs
 
 
+@dataclass(frozen=True, config=CONFIG)
+class LongerSlides:
+    """Until when a campaign's folder lets slides go on, later than its scene.
+
+    Args:
+        t_end: that time (s).
+    """
+
+    t_end: Annotated[float, Interval(gt=0, le=1e9)]
+
+
 class FieldModes(Table):
     """How many terms each expansion of the random soil has."""
 

@@ -1,5 +1,6 @@
 """What a scene can ask of a campaign beyond the usual: estimators, calibration, modes of old folders."""
 
+import html
 import json
 import os
 from dataclasses import replace
@@ -10,6 +11,7 @@ import pytest
 import jaxmpm as mpm
 import kl
 from cooperative import run, runs
+from cooperative.reporting import report
 from cooperative.reporting._progress import progress_of
 from cooperative.scene import parse, stored_measured, with_measured
 from cooperative.store import Rows, read_rows, read_store
@@ -211,3 +213,19 @@ def test_stored_factors_of_safety_are_read_from_a_file_alone(tmp_path):
     os.mkfifo(tmp_path / "calibration.json")
     with pytest.raises(ValueError, match="no regular file"):
         stored_measured(tmp_path)
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_warnings_of_a_check_stand_in_the_summary_and_on_the_page(tmp_path, capsys):
+    text = TINY.replace("length = [20.0, 4.0]", "length = [20.0, 1.0]").replace("t_end = 4.0", "t_end = 0.2")
+    text = text.replace("samples = 6", "samples = 2").replace("k_t = 2", "k_t = 1")
+    said = list(runs.warnings_of(parse(text)))
+    assert said != list(runs.warnings_of(parse(TINY)))
+    assert any("results change with the cell" in warning for warning in said)
+    summary = run(text, tmp_path)
+    assert list(summary.warnings) == said
+    printed, page = report(tmp_path), (tmp_path / "report.html").read_text()
+    for warning in said:
+        assert f"  WARNING        {warning}" in printed
+        assert f'<p class="note">{html.escape(warning)}</p>' in page
+    assert json.loads((tmp_path / "summary.json").read_text())["warnings"] == said

@@ -1,6 +1,7 @@
 """Failures that slide on to their end while the others end once they have failed."""
 
 import json
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -22,7 +23,9 @@ from cooperative.estimate import (
     slide_order,
     zone_weights,
 )
+from cooperative.folder import read_results
 from cooperative.reporting import progress_of, report, words
+from cooperative.runs import _samples
 from cooperative.scene import parse
 from cooperative.store import SLIDES, open_store, read_rows, read_sample, read_store, restart_path
 from tests.cooperative.campaign.test_campaign import TINY
@@ -182,6 +185,52 @@ def test_slides_run_on_beyond_the_time_of_their_class(all_slides, tmp_path):
     # What it costs at most is counted.
     sizes = [runs.grid_size(parse(text), grid).steps for text in (SCENE, LONGER) for grid in ("rough", "refined")]
     assert (sizes[2], sizes[3]) == (sizes[0], pytest.approx(10 * sizes[1]))
+
+
+@pytest.mark.parametrize("slides", ["all", pytest.param(2, marks=pytest.mark.slow)])
+def test_slides_that_had_not_come_to_rest_go_on_without_a_run_repeated(all_slides, tmp_path, monkeypatch, slides):
+    """They end, bit for bit, where those of a scene with that time do; in steps, with a kill in between."""
+    text, folder = (SCENE, tmp_path / "later") if slides == "all" else (asked(slides), tmp_path / "later")
+    shutil.copytree(all_slides[0], folder) if slides == "all" else campaign.run(text, folder)
+    before = read_rows(read_store(folder), "refined")
+    moving = [n for n, status in zip(before.numbers, before.columns["status"], strict=True) if status == "FINISHED"]
+    moving = [n for n in moving if before.columns["displacement"][before.numbers.index(n)] > 1.0]
+    assert {path.name for path in (folder / "restart").iterdir()} == {f"moving-{n:06d}.h5" for n in moving}
+    assert moving
+    gone_on: list[tuple[int, float]] = []
+    resumed = _samples.read_restart
+
+    def remembered(*args, **kwargs):
+        point = resumed(*args, **kwargs)
+        if point is not None:
+            gone_on.append((args[2], point.motion.times[-1]))
+        return point
+
+    monkeypatch.setattr(_samples, "read_restart", remembered)
+    half = campaign.run(text, folder, slides_t_end=5.0)
+    assert half.cut_off.t_end == 5.0
+    assert sorted(n for n, _ in gone_on) == moving
+    assert min(time for _, time in gone_on) >= 4.0 - 1e-5
+    del gone_on[:]
+    later = campaign.run(text, folder, slides_t_end=40.0)
+    assert all(time >= 5.0 - 1e-5 for _, time in gone_on)
+    assert (later.cut_off.at_t_end, later.cut_off.t_end) == (0, 40.0)
+    assert campaign.run(text, folder) == later  # the folder keeps it, and nothing runs again
+    assert list((folder / "restart").iterdir()) == []
+    assert read_results(folder).summary == later
+    at_once = tmp_path / "at once"
+    assert replace(campaign.run(LONGER + text.removeprefix(SCENE), at_once), seconds={}) == replace(later, seconds={})
+    rows = [read_rows(read_store(each), "refined").columns for each in (folder, at_once)]
+    for name in rows[0].keys() - {"seconds"}:
+        np.testing.assert_array_equal(rows[0][name], rows[1][name], err_msg=name)
+    with pytest.raises(ValueError, match="slides_t_end = 20 s: slides go on until 40 s already, give more"):
+        campaign.run(text, folder, slides_t_end=20.0)
+
+
+def test_no_slide_goes_on_where_none_is_asked_for(tmp_path):
+    with pytest.raises(ValueError, match="slides_t_end = 60 s: the scene asks for no slides"):
+        campaign.run(asked(0), tmp_path, slides_t_end=60.0)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path, monkeypatch):
