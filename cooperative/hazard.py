@@ -15,18 +15,23 @@ from cooperative.measure import ColumnPlan
 from cooperative.store import read_sample
 
 REACHED, COVERED, THICKNESS, ARRIVAL = "reached", "covered at the end", "expected thickness", "arrival"
+CARRIED = "ground carried away"
 
 
 @dataclass(frozen=True)
 class Maps:
     """Maps over the columns of cells with ground in them, (nx,) in a section and (nx, ny) in 3D.
 
+    All but that of the ground that is carried away are of the soil that lies or moves above the surface that was there
+    before.
+
     Args:
         plan: where the columns stand.
         edges: of those that are mapped, along each axis (m).
         maps: by name, each with its pointwise interval: probabilities (reached, covered at the end, deposit thicker
-            than a threshold, ever faster than one), the expected thickness of the deposit over all samples (m), and the
-            mean time of arrival of those slides that come (s), nan where none does.
+            than a threshold, ever faster than one, ground carried away by the failure displacement or more), the
+            expected thickness of the deposit over all samples (m), and the mean time of arrival of those slides that
+            come (s), nan where none does.
         units: of each.
         beyond: the mapped columns along x that lie beyond the toe.
         slides: that the maps are made from.
@@ -93,7 +98,11 @@ def maps_of(results: Results) -> Maps | None:
     fields = {name: np.stack([sample.fields[name] for sample in samples])[:, *where] for name in runs.COLUMNS}
     first = int(np.searchsorted(plan.edges(0)[where[0]], plan.edges(0)[beyond.start]))
     until = summary.cut_off.t_end
-    maps, units = _maps(hazard, summary.estimate, results.weight[mine], fields, until)
+    weight = results.weight[mine]
+    maps, units = _maps(hazard, summary.estimate, weight, fields, until)
+    if all(runs.GROUND in sample.fields for sample in samples):
+        ground = np.stack([sample.fields[runs.GROUND] for sample in samples])[:, *where]
+        maps[CARRIED], units[CARRIED] = chance_of(summary.estimate, weight, ground >= summary.failure_displacement), "-"
     return Maps(
         plan=plan,
         edges=tuple(plan.edges(axis)[part.start : part.stop + 1] for axis, part in enumerate(where)),

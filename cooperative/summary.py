@@ -69,6 +69,7 @@ def summary_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -
         t_end=campaign.run.last("refined"),
         deepest=campaign.site.shape.extent[-1],
         elements_at_risk=campaign.elements_at_risk,
+        failure_displacement=campaign.run.failure_displacement,
     )
     limit = campaign.run.failure_displacement
     return Summary(

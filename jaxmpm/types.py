@@ -176,12 +176,14 @@ class Columns:
     """Record of the soil that has passed over each column of cells, along the horizontal axes (nx,) or (nx, ny).
 
     Args:
-        thickness: largest thickness of moved soil in the column (m).
+        thickness: largest thickness of moved soil in the column (m), above the surface where there is one.
         speed: largest speed of that soil (m/s), its momentum over its mass.
         arrival: first time at which the column was covered (s), inf if it was not.
         moved: displacement from which soil counts (m); static.
         least: thickness from which a column counts as covered (m); static.
         every: steps between two looks; static.
+        surface: heights of the ground at nodes in plan before it moved, in cells above the lowest node; soil counts as
+            far as it is above. None counts all moved soil.
     """
 
     thickness: Array
@@ -190,6 +192,7 @@ class Columns:
     moved: float = static()
     least: float = static()
     every: int = static()
+    surface: Array | None = None
 
 
 @pytree

@@ -64,7 +64,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Reached:
-    """Probability that a slide reaches an element at risk.
+    """Probability that a slide reaches an element at risk, or carries it away.
 
     Args:
         probability: over all samples.
@@ -134,12 +134,17 @@ class Loss:
 class Element:
     """Effects on one element at risk.
 
+    What hits it is soil that lies or moves above the surface that was there before; what carries it away is a
+    displacement of its own ground.
+
     Args:
-        reached: probability that a slide arrives.
-        thickness: largest of the slides that arrive (m), None where none does.
-        speed: largest of the slides that arrive (m/s), None where none does.
+        reached: probability that soil arrives above its ground.
+        thickness: largest of that soil, of the slides that arrive (m), None where none does.
+        speed: largest of that soil, of the slides that arrive (m/s), None where none does.
         arrival: of the slides that arrive (s), None where none does.
-        loss: None where the scene gives no value.
+        loss: by what hits it, None where the scene gives no value.
+        carried: probability that its ground moves by the failure displacement or more.
+        ground: displacement of its ground, of the slides that carry it away (m), None where none does.
     """
 
     reached: Reached
@@ -147,6 +152,8 @@ class Element:
     speed: Spread | None
     arrival: Spread | None
     loss: ElementLoss | None
+    carried: Reached
+    ground: Spread | None
 
 
 @dataclass(frozen=True)

@@ -104,6 +104,7 @@ def effects_of(
     t_end: float,
     deepest: float,
     elements_at_risk: Sequence[ElementAtRisk],
+    failure_displacement: float,
 ) -> Effects:
     """What the refined runs that slid on to their end do, each weighed by what it stands for.
 
@@ -114,6 +115,7 @@ def effects_of(
         t_end: up to when slides go on (s).
         deepest: height of the ground (m); no soil lies deeper.
         elements_at_risk: those of the campaign.
+        failure_displacement: from which the ground of an element carries it away (m).
     """
     slid = Slid(refined.columns, slides.weight).where(slides.slid)
     counting = slid.where(slid.weight > 0)
@@ -137,7 +139,7 @@ def effects_of(
             for values, weight in [counting.known(name)]
             if values.size
         },
-        risk=risk_of(elements_at_risk, estimate, counting, cut, unknown=bool(unknown)),
+        risk=risk_of(elements_at_risk, estimate, counting, cut, failure_displacement, unknown=bool(unknown)),
         fits={
             group: {name: fit_distributions(*mine.known(name)) for name in MEASURES if mine.weight.size}
             for group, mine in ({"all": whole} | by_mode).items()
@@ -184,9 +186,15 @@ def _means(deepest: float, level: float, slid: Slid, cut: CutOff) -> dict[str, S
 
 
 def risk_of(
-    elements_at_risk: Sequence[ElementAtRisk], estimate: Estimate, counting: Slid, cut: CutOff, *, unknown: bool
+    elements_at_risk: Sequence[ElementAtRisk],
+    estimate: Estimate,
+    counting: Slid,
+    cut: CutOff,
+    failure_displacement: float,
+    *,
+    unknown: bool,
 ) -> Risk | None:
-    """What comes over the elements at risk, and what is lost there; None where there are none.
+    """What comes over the elements at risk and carries them away, and what is lost there; None where there are none.
 
     Nothing is known of an element where no slide has columns.
 
@@ -195,6 +203,7 @@ def risk_of(
         estimate: of the probability of failure.
         counting: slides that count.
         cut: slides that had not come to rest.
+        failure_displacement: from which the ground of an element carries it away (m).
         unknown: whether no run counts, or some failed and may slide yet.
     """
     if not elements_at_risk:
@@ -223,14 +232,23 @@ def risk_of(
             )
             for what, values in came.items()
         }
-        loss = None
+        ground, loss = slid[f"ground_at_{exposed.key}"], None
+        moves = ground >= failure_displacement
+        carried = chance_of(estimate, weight, moves[:, None])
+        most_likely = estimate.interval[1] if at_least else float(carried.high[0])
         if exposed.vulnerability is not None and exposed.value is not None:
             each = np.where(reached, exposed.value * exposed.vulnerability.share(came[exposed.vulnerability.of]), 0.0)
             # Shares of the value do not fall.
             most = exposed.value * exposed.vulnerability.lost[-1] * high
             loss = ElementLoss(exposed.value, *expected_of(estimate, weight, each, most, at_least), at_least)
             lost, bound = lost + each, bound + most
-        elements[exposed.name] = Element(Reached(float(chance.value[0]), (low, high), at_least), **spreads, loss=loss)
+        elements[exposed.name] = Element(
+            Reached(float(chance.value[0]), (low, high), at_least),
+            **spreads,
+            loss=loss,
+            carried=Reached(float(carried.value[0]), (float(carried.low[0]), most_likely), at_least),
+            ground=spread_of(ground[moves], weight[moves], estimate.level, at_least=at_least, most=np.inf),
+        )
     if all(element.loss is None for element in elements.values()):
         return Risk(elements, None)
     part, whole, modes = weight * lost, float(weight @ lost), slid["mode"]

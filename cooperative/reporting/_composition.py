@@ -100,9 +100,10 @@ def _mapped(maps: Maps, level: float) -> str:
     """What maps show."""
     few = not np.isfinite(maps.maps[THICKNESS].high).any()
     return (
-        f"Probability that moving soil reaches a column of cells of {maps.plan.cell:g} m, from {maps.slides} slides, "
-        f"with the {level:.0%} interval of each column. A column counts as reached when the mean soil thickness in it "
-        f"is {maps.least:.2g} m or more. Columns are read every {maps.every:.2g} s, in which the fastest soil moved "
+        f"Probability that soil comes above the ground of a column of cells of {maps.plan.cell:g} m, from "
+        f"{maps.slides} slides, with the {level:.0%} interval of each column. A column counts as reached when the mean "
+        f"thickness of that soil is {maps.least:.2g} m or more; soil that slides below the old surface does not count. "
+        f"Columns are read every {maps.every:.2g} s, in which the fastest soil moved "
         f"{maps.missed:.2g} m; shorter peaks are missed."
         + (" The slides are too few for intervals of thickness and arrival." if few else "")
     )

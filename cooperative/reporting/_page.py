@@ -175,11 +175,16 @@ def risks(summary: Summary, risk: Risk) -> Iterator[str]:
         return
     level = f"{summary.level:.0%} interval" + (f" of what {cut.t_end:g} s show" if cut.at_t_end else "")
     heads = ["element", "probability of being reached", level, "arrival, s", "thickness, m", "speed, m/s"]
+    heads += ["probability that its ground is carried away", "displacement of its ground, m"]
     yield table(
         [*heads, "expected loss", level],
         [[name, *sentences.element_row(each, cut.t_end)] for name, each in known.items()],
     )
-    yield paragraph("Arrival, thickness and speed are means of the largest values over the slides that arrive.")
+    yield paragraph(
+        "Reached is an element when soil lies or moves above the surface that was there before. Arrival, thickness and "
+        "speed are of that soil, means of the largest values over the slides that arrive, and losses follow from it. "
+        f"Carried away is an element whose own ground moves by {summary.failure_displacement:g} m or more."
+    )
     whole = risk.loss
     if not whole:
         return

@@ -99,7 +99,7 @@ def annual(chance: float, often: float) -> float:
 
 
 def at_risk(summary: Summary) -> Iterator[str]:
-    """Each element at risk: how likely it is reached, and what is lost."""
+    """Each element at risk: how likely it is reached and carried away, and what is lost."""
     often = summary.annual_frequency
     for name, element in summary.elements_at_risk.items():
         if element is None:
@@ -116,6 +116,12 @@ def at_risk(summary: Summary) -> Iterator[str]:
             )
             if often is not None:
                 text += f"; {number(often * loss.expected)} a year, at most {number(often * loss.interval[1])}"
+        if element.carried.probability:
+            carried = element.carried
+            text += (
+                f"; its own ground is carried away with probability "
+                f"{at_least(carried.probability, carried.at_least)} ({limits(carried.interval)})"
+            )
         yield text
 
 
@@ -274,6 +280,8 @@ def element_row(element: Element, t_end: float) -> list[Cell]:
         limits(reached.interval),
         when,
         *(_or_least(each.mean, each.at_least) if each else None for each in (element.thickness, element.speed)),
+        _or_least(element.carried.probability, element.carried.at_least),
+        _or_least(element.ground.mean, element.ground.at_least) if element.ground else None,
         _or_least(loss.expected, loss.at_least) if loss else None,
         limits(loss.interval) if loss else None,
     ]

@@ -22,6 +22,7 @@ from pydantic import ConfigDict, TypeAdapter, with_config
 from cooperative.measure import ColumnPlan
 from cooperative.runs._model import GridModel
 from cooperative.runs._samples import COLUMNS
+from cooperative.runs._samples import GROUND as MOVED
 from cooperative.runs._sampling import samples_of
 from cooperative.store import Record, Rows, Store, read_rows
 from foundation import files, hdf5
@@ -240,9 +241,12 @@ def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample:
         return f"holds {count} coefficients of a field that has {ground.terms}"
     shape = ground.grids[grid].position.shape
     expected = dict(zip(OF_PARTICLES, (shape, shape[1:]), strict=True))
-    expected |= dict.fromkeys(COLUMNS, ground.grids[grid].columns.shape)
+    expected |= dict.fromkeys((*COLUMNS, MOVED), ground.grids[grid].columns.shape)
     for name, wanted in expected.items():
-        what, held = "columns" if name in COLUMNS else "particles", sample.shapes.get(f"fields/{name}", wanted)
+        what, held = (
+            "columns" if name.startswith("column_") else "particles",
+            sample.shapes.get(f"fields/{name}", wanted),
+        )
         if held != wanted:
             return f"holds {name} of shape {held} for {what} of shape {wanted}"
     return None

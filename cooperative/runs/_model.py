@@ -208,8 +208,24 @@ class GridModel:
             return self
         for element in self.campaign.elements_at_risk:
             element.columns(self.columns)
-        state = with_columns(self.scene, self.state, moved=self.campaign.run.failure_displacement, every=hazard.every)
+        state = with_columns(
+            self.scene, self.state, moved=self.campaign.run.failure_displacement, every=hazard.every,
+            surface=self._heights(),
+        )  # fmt: skip
         return replace(self, state=state)
+
+    def _heights(self) -> np.ndarray:
+        """Heights (m) of the ground's surface at the nodes of the grid in plan; beyond its ends those of the ends."""
+        grid, shape = self.scene.grid, self.campaign.site.shape
+        ends = [(low, low + edge) for low, edge in zip(shape.corner[:-1], shape.extent, strict=False)]
+        axes = [
+            np.clip(grid.origin[axis] + grid.cell * np.arange(grid.shape[axis]), *ends[axis])
+            for axis in range(len(ends))
+        ]
+        plan = np.meshgrid(*axes, indexing="ij")
+        heights = np.asarray(shape.heights(*(each.ravel() for each in plan)), float).reshape(plan[0].shape)
+        # Where a raster has no height there is no ground, and all soil that comes there is above it.
+        return np.where(np.isfinite(heights), heights, shape.corner[-1])
 
     def with_measured(self, campaign: Campaign) -> GridModel:
         """The same grid once its campaign is measured.

@@ -21,9 +21,11 @@ from cooperative.store import MOVING, SLIDES, Sample, Scalar, stored_source
 from jaxmpm import Face, Result, Status, passing, solve_each
 from jaxmpm.run import Chunk, Midway
 
+GROUND = "column_ground"
+"""Field of a slide: how far the ground of each column has moved (m), the largest displacement of what was its top."""
 COLUMNS = ("column_deposit", "column_thickness", "column_speed", "column_arrival")
-"""Fields of a slide, one value for each column: thickness at the end (m), largest thickness (m) and speed (m/s), and
-time of arrival (s), nan where it never came."""
+"""Fields of a slide, one value for each column, of the soil that lies or moves above the surface that was there before:
+thickness at the end (m), largest thickness (m) and speed (m/s), and time of arrival (s), nan where it never came."""
 
 _passing = jax.jit(passing)
 
@@ -294,7 +296,7 @@ def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
     state, columns = result.state, result.state.columns
     if columns is None:
         return {}
-    now = _passing(model.scene, jax.tree.map(jnp.asarray, state), columns.moved)
+    now = _passing(model.scene, jax.tree.map(jnp.asarray, state), columns.moved, columns.surface)
     deposit, thickness = np.asarray(now.thickness), np.asarray(columns.thickness)
     arrival = np.asarray(columns.arrival)
     # The run may have ended between two looks.
@@ -302,15 +304,28 @@ def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
     arrival = np.where(came, float(state.step) * float(result.time_step), arrival)
     arrival = np.where(np.isfinite(arrival), arrival, np.nan)
     values = deposit, np.maximum(thickness, deposit), np.asarray(columns.speed), arrival
-    return {name: each.astype(np.float32) for name, each in zip(COLUMNS, values, strict=True)}
+    fields = {name: each.astype(np.float32) for name, each in zip(COLUMNS, values, strict=True)}
+    return fields | {GROUND: _ground_moved(model, np.asarray(state.displacement)).astype(np.float32)}
+
+
+def _ground_moved(model: GridModel, displacement: np.ndarray) -> np.ndarray:
+    """Largest displacement (m) of the soil that was in the top cell below the surface, for each column."""
+    position, plan = np.asarray(model.scene.particles.position), model.columns
+    top = model.campaign.site.shape.heights(*position[:-1].astype(float)) - position[-1] <= plan.cell
+    cells = np.floor((position[:-1] - np.array(plan.origin)[:, None]) / plan.cell).astype(int)
+    at = tuple(np.clip(each, 0, count - 1)[top] for each, count in zip(cells, plan.shape, strict=True))
+    moved = np.zeros(plan.shape)
+    np.maximum.at(moved, at, np.linalg.norm(displacement, axis=0)[top])
+    return moved
 
 
 def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Scalar]:
     """Scalars of the columns of a slide, where it has them.
 
-    `area_columns` is the plan area (m2, in a section m) of the columns beyond the toe in which soil lies at the end.
-    The others are the largest thickness (m) and speed (m/s) at each element at risk, and the time (s) at which soil
-    arrived there, if it did.
+    `area_columns` is the plan area (m2, in a section m) of the columns beyond the toe on which soil lies at the end.
+    The others are, of the soil above the surface that was there before, the largest thickness (m) and speed (m/s) at
+    each element at risk, and the time (s) at which it arrived there, if it did. `ground_at` is how far the element's
+    own ground has moved (m).
     """
     passed = model.state.columns
     if not columns or passed is None:
@@ -323,6 +338,7 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
         _, thickness, speed, arrival = (columns[name][mine] for name in COLUMNS)
         row[f"thickness_at_{element.key}"] = float(thickness.max())
         row[f"speed_at_{element.key}"] = float(speed.max())
+        row[f"ground_at_{element.key}"] = float(columns[GROUND][mine].max())
         reached = arrival[np.isfinite(arrival)]
         if reached.size:
             row[f"arrival_at_{element.key}"] = float(reached.min())

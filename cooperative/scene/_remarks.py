@@ -43,8 +43,8 @@ def remarks(campaign: Campaign) -> Iterator[str]:
             if float(np.min(heights)) >= base + TOP * relief:
                 yield (
                     f"{element.name} stands at the crest, at z = {np.min(heights):.4g} m of {base + relief:.4g} m"
-                    f"; x = {shape.corner[0]:g} is the rear of the ground. No slide comes over it from above: it "
-                    "counts as reached where its own ground slides away, with the thickness of that"
+                    f"; x = {shape.corner[0]:g} is the rear of the ground. No slide comes over it from above: what "
+                    "counts there is whether its own ground is carried away, which has no loss"
                 )
     fields = [
         each

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from foundation import check
 from jaxmpm import tensors
@@ -18,6 +21,10 @@ from jaxmpm.types import Columns, Scene, State, Status
 
 LEAST = 0.75
 """Mean thickness of soil, in layers of particles, from which a column counts as covered: more than a loose grain."""
+
+
+HALF = 0.25
+"""Half the height of a particle, in cells, where its kernel gives it none."""
 
 
 class Passing(NamedTuple):
@@ -33,7 +40,13 @@ class Passing(NamedTuple):
 
 
 def with_columns(
-    scene: Scene, state: State, *, moved: float = 1.0, least: float | None = None, every: int = 20
+    scene: Scene,
+    state: State,
+    *,
+    moved: float = 1.0,
+    least: float | None = None,
+    every: int = 20,
+    surface: ArrayLike | None = None,
 ) -> State:
     """Start a record of the soil over each column of cells, see `Columns`.
 
@@ -46,12 +59,16 @@ def with_columns(
         moved: displacement from which soil counts (m).
         least: mean thickness of soil from which a column counts as covered (m); by default 0.75 of a particle layer.
         every: steps between two looks.
+        surface: heights (m) of the ground before it moved at the nodes in plan, the grid's shape without its last axis.
+            Moved soil then counts as far as it is above, linear between nodes: what comes over the ground, without the
+            ground that moves below. None counts all moved soil.
 
     Returns:
         State with an empty record.
 
     Raises:
-        ValueError: If the scene has one dimension, or a number is not above 0.
+        ValueError: If the scene has one dimension, a number is not above 0, or the surface has another shape or is not
+            finite.
     """
     d = scene.grid.dimension
     if d < 2:
@@ -64,7 +81,8 @@ def with_columns(
         least = LEAST * scene.grid.cell / max(round(per_cell ** (1 / d)), 1)
     check.positive("least", least, "m")
     nothing = jnp.zeros(column_shape(scene), state.displacement.dtype)
-    columns = Columns(nothing, nothing, jnp.full_like(nothing, math.inf), float(moved), float(least), every)
+    heights = None if surface is None else _in_cells(scene, np.asarray(surface, float), nothing.dtype)
+    columns = Columns(nothing, nothing, jnp.full_like(nothing, math.inf), float(moved), float(least), every, heights)
     return replace(state, columns=columns)
 
 
@@ -80,26 +98,52 @@ def column_shape(scene: Scene) -> tuple[int, ...]:
     return tuple(nodes - 1 for nodes in scene.grid.shape[:-1])
 
 
-def passing(scene: Scene, state: State, moved: float) -> Passing:
+def _in_cells(scene: Scene, surface: np.ndarray, dtype: np.dtype) -> Array:
+    """Heights (m) at nodes in plan, in cells above the lowest node; ValueError for another shape or no heights."""
+    grid = scene.grid
+    if surface.shape != grid.shape[:-1] or not np.isfinite(surface).all():
+        raise ValueError(f"surface has shape {surface.shape}: give {grid.shape[:-1]} finite heights, one at each node")
+    return jnp.asarray((surface - grid.origin[-1]) / grid.cell, dtype)
+
+
+def _above(scene: Scene, cells: Array, surface: Array) -> Array:
+    """Part (N,) of each particle at cells (d, N) that is above a surface."""
+    plan = cells[:-1]
+    lower = jnp.clip(jnp.floor(plan), 0, jnp.array(surface.shape)[:, None] - 2).astype(jnp.int32)
+    part, below = jnp.clip(plan - lower, 0, 1), jnp.zeros_like(cells[-1])
+    for corner in itertools.product((0, 1), repeat=surface.ndim):
+        up = jnp.array(corner)[:, None]
+        below += jnp.prod(jnp.where(up == 1, part, 1 - part), axis=0) * surface[tuple(lower + up)]
+    sizes = getattr(scene.kernel, "half_size", None)
+    half = HALF if sizes is None else sizes[-1] / scene.grid.cell
+    return jnp.clip((cells[-1] - below) / (2 * half) + 0.5, 0, 1)
+
+
+def passing(scene: Scene, state: State, moved: float, surface: Array | None = None) -> Passing:
     """Soil that has moved, in each column of cells; a particle is in one column.
 
-    Thickness is the soil's initial volume over the column's plan area, so that it adds up to the sliding volume.
+    Thickness is the soil's initial volume over the column's plan area, so that without a surface it adds up to the
+    sliding volume.
 
     Args:
         scene: in two or three dimensions.
         state: of one lane.
         moved: displacement from which soil counts (m).
+        surface: above which it counts, see `Columns`; None counts all.
 
     Returns:
         Thickness and speed per column.
     """
     grid, particles, shape = scene.grid, scene.particles, column_shape(scene)
-    cells = jnp.floor(locate(grid, grid_position(scene, state))[:-1]).astype(jnp.int32)
+    located = locate(grid, grid_position(scene, state))
+    cells = jnp.floor(located[:-1]).astype(jnp.int32)
     column = jnp.zeros(cells.shape[-1:], jnp.int32)
     for axis, count in enumerate(shape):
         column = column * count + jnp.clip(cells[axis], 0, count - 1)
     slides = jnp.sum(state.displacement**2, axis=0) >= moved**2
     carried = jnp.concatenate([particles.volume[None], particles.mass[None], particles.mass * state.velocity])
+    if surface is not None:
+        carried *= _above(scene, located, surface)[None]
     sums = jnp.zeros((math.prod(shape), len(carried)), carried.dtype).at[column].add(jnp.where(slides, carried, 0).T)
     volume, mass, momentum = sums[:, 0], sums[:, 1], sums[:, 2:]
     speed = tensors.safe_sqrt(jnp.sum(momentum**2, axis=1)) / jnp.where(mass > 0, mass, 1)
@@ -112,7 +156,7 @@ def recorded(scene: Scene, state: State) -> State:
     assert columns is not None
 
     def look() -> tuple[Array, Array, Array]:
-        now = passing(scene, state, columns.moved)
+        now = passing(scene, state, columns.moved, columns.surface)
         there = now.thickness >= columns.least
         time = (state.step * scene.time_step).astype(columns.arrival.dtype)
         return (

@@ -47,8 +47,9 @@ Curve = Pairs | Literal["totschnig 2011", "papathoma-koehle 2015"]
 class Hazard(Table):
     """Hazard maps.
 
-    With this table, or `[[exposed]]`, each refined slide stores the largest thickness, the largest speed and the
-    arrival of the soil in each column of cells. Both keys may be left out.
+    With this table, or `[[exposed]]`, each refined slide stores, for each column of cells, the largest thickness, the
+    largest speed and the arrival of the soil above the surface that was there before, and how far that ground moved.
+    Both keys may be left out.
     """
 
     thresholds: Annotated[tuple[Threshold, ...], Strict(False)] = key(
@@ -82,9 +83,9 @@ class Exposed(Table):
     )
     value: FromZero | None = key("Value of what stands there, in any currency.", 250e3, None)
     vulnerability: Curve | None = key(
-        "Share of the value that is lost, at values of the largest thickness or of the largest speed. The curve has "
-        "straight lines between its points and does not fall. Or the name of a [published "
-        "curve](report.md#published-vulnerability-curves).",
+        "Share of the value that is lost, at values of the largest thickness or of the largest speed of the soil that "
+        "comes above the element's ground. The curve has straight lines between its points and does not fall. Or the "
+        "name of a [published curve](report.md#published-vulnerability-curves).",
         [["0 m", 0.0], ["1 m", 0.4], ["3 m", 1.0]],
         None,
         units="in each",

@@ -105,3 +105,35 @@ def test_a_quantity_is_read_with_its_unit(number, unit):
     of, value = quantity("x", f"{number!r} {unit}")
     assert of == ("speed" if "/" in unit else "thickness")
     assert value == pytest.approx(number * {"m": 1, "cm": 0.01, "m/s": 1, "km/h": 1 / 3.6}[unit])
+
+
+def test_what_hits_a_house_is_above_its_ground_and_what_carries_it_away_is_its_ground():
+    """On the face of a slope that fails the deposit is far thinner than the soil above the slip surface."""
+    exposed = '[[exposed]]\nname = "{}"\nbetween = {}\n'
+    places = {"face": [9.0, 12.0], "toe": [15.0, 17.0], "beyond": [18.0, 20.0]}
+    campaign = parse(TINY + "[hazard]\n" + "".join(exposed.format(*each) for each in places.items()))
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "refined", soil)
+    (sample,) = runs.run_samples(model, {0: np.full(soil.modes, -1.0, np.float32)}, [0])
+    assert sample.row["displacement"] > 2.0
+    position, moved = np.asarray(model.scene.particles.position), sample.fields["displacement"]
+    now, plan, heights = position + moved, model.columns, campaign.site.shape.heights
+    column = np.floor((now[0] - plan.origin[0]) / plan.cell).astype(int)
+    slides, area = np.linalg.norm(moved, axis=0) >= 1.0, np.asarray(model.scene.particles.volume)
+    whole = np.bincount(column[slides], area[slides], plan.shape[0]) / plan.cell
+    over = np.clip((now[1] - heights(now[0])) / 0.5 + 0.5, 0.0, 1.0) * slides * area
+    above = np.bincount(column, over, plan.shape[0]) / plan.cell
+    np.testing.assert_allclose(sample.fields["column_deposit"], above, atol=2e-3)
+    for name, (low, high) in places.items():
+        mine = ElementAtRisk(name, ((low,), (high,))).columns(plan)
+        deposit, thickness = above[mine].max(), sample.row[f"thickness_at_{name}"]
+        # The largest of all looks, and not more than stands between the old surface and the highest soil.
+        assert thickness >= deposit - 1e-3
+        own = (position[0] >= low) & (position[0] < high) & (heights(position[0]) - position[1] <= plan.cell)
+        own_moved = np.linalg.norm(moved[:, own], axis=0).max()
+        assert sample.row[f"ground_at_{name}"] == pytest.approx(own_moved, rel=1e-3)
+    face = ElementAtRisk("face", ((9.0,), (12.0,))).columns(plan)
+    assert sample.row["ground_at_face"] > 1.0
+    assert sample.row["thickness_at_face"] < 0.2 * whole[face].max()
+    assert whole[face].max() > 2.0
+    assert sample.row["thickness_at_beyond"] > 0.5

@@ -14,8 +14,11 @@ from cooperative.scene import parse
 from cooperative.scene.tables._hazard import Curve
 from tests.cooperative.campaign.test_campaign import TINY
 
-ROAD = Element(Reached(0.1, (0.04, 0.2), False), None, None, None, ElementLoss(1000.0, 50.0, (10.0, 120.0), False))
-HOUSE = Element(Reached(0.0, (0.0, 0.05), False), None, None, None, None)
+STAYS = Reached(0.0, (0.0, 0.05), False)
+ROAD = Element(
+    Reached(0.1, (0.04, 0.2), False), None, None, None, ElementLoss(1000.0, 50.0, (10.0, 120.0), False), STAYS, None
+)
+HOUSE = Element(Reached(0.0, (0.0, 0.05), False), None, None, None, None, Reached(0.3, (0.2, 0.4), True), None)
 
 
 def summary(often):
@@ -30,7 +33,8 @@ def test_elements_at_risk_have_probability_and_loss_with_their_limits():
     assert road == (
         "road is reached with probability 0.1 (0.04 to 0.2); of its value 1000 the expected loss is 50, at most 120"
     )
-    assert house == "house is reached with probability 0 (at most 0.05)"
+    carried = "; its own ground is carried away with probability at least 0.3 (0.2 to 0.4)"
+    assert house == f"house is reached with probability 0 (at most 0.05){carried}"
     assert "not known yet" in mast
     assert "conditional on the scene" in sentences.condition(summary(None))
 
@@ -39,7 +43,7 @@ def test_a_frequency_makes_them_annual():
     road, house, _ = sentences.at_risk(summary(0.01))
     assert "0.0009995 a year; of its value" in road
     assert road.endswith("; 0.5 a year, at most 1.2")
-    assert house.endswith(", 0 a year")
+    assert ", 0 a year; its own ground" in house
     assert "annual probability of 0.001998 (0.0009995 to 0.002996)" in sentences.condition(summary(0.01))
     assert parse(TINY + "annual_frequency = 0.01\n").plan.annual_frequency == 0.01
     with pytest.raises(ValueError, match="annual_frequency = 0"):

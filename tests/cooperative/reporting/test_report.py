@@ -180,8 +180,21 @@ def test_maps_add_up_to_what_the_slides_cover(done):
     for line in slides:
         assert abs(float(line["area_columns"]) - float(line["area"])) < 1.5 * maps.plan.cell
     thickness = maps.maps["expected thickness"].value.sum() * maps.plan.area
-    volume = sum(float(line["slide_weight"]) * float(line["volume"]) for line in slides)
-    assert thickness == pytest.approx(volume, rel=1e-5)
+    store, grid = read_store(folder), models_of(parse(SCENE))["refined"]
+    position, size = np.asarray(grid.scene.particles.position, float), np.asarray(grid.scene.particles.volume, float)
+    volume = 0.0
+    for line in slides:
+        moved = read_sample(store, "refined", int(line["sample"])).fields["displacement"].astype(float)
+        x, z = position + moved
+        above = np.clip((z - grid.campaign.site.shape.heights(x)) / 0.5 + 0.5, 0.0, 1.0)
+        mine = float(line["slide_weight"]) * size * above * (np.linalg.norm(moved, axis=0) >= 1.0)
+        volume += mine.sum()
+        # What slides below the surface that was there before is no deposit.
+        assert mine.sum() < 0.8 * float(line["slide_weight"]) * float(line["volume"])
+    assert thickness == pytest.approx(volume, rel=1e-3)
+    carried = maps.maps["ground carried away"]
+    assert 0 < carried.value.max() <= summary.probability_of_failure + 1e-12
+    assert summary.elements_at_risk["road"].carried.probability <= summary.probability_of_failure + 1e-12
 
 
 def test_expected_loss_is_the_area_under_its_curve(done):

@@ -97,3 +97,54 @@ def test_what_makes_no_sense_is_refused(slope, asked, message):
         mpm.with_columns(*slope, **asked)
     with pytest.raises(ValueError, match="one dimension has no columns"):
         mpm.with_columns(*mpm.column(4.0, SOIL, mpm.Discretisation(1.0, (0.5,))))
+
+
+def heights(scene, shape):
+    """Of the slope's surface at the grid's nodes in plan (m)."""
+    nodes = [o + scene.grid.cell * np.arange(n) for o, n in zip(scene.grid.origin[:-1], scene.grid.shape, strict=False)]
+    ends = shape.corner[0], shape.corner[0] + shape.extent[0]
+    plan = np.meshgrid(np.clip(nodes[0], *ends), *nodes[1:], indexing="ij")
+    return shape.heights(*(each.ravel() for each in plan)).reshape(plan[0].shape)
+
+
+@pytest.mark.parametrize("width", [None, 3.0])
+def test_soil_counts_as_far_as_it_is_above_the_surface_that_was_there(width):
+    """On level ground: soil that sinks or slides along counts nothing, lifted soil what sticks out."""
+    shape = mpm.Slope(crest=2.0, height=2.0, run_per_rise=1.0, toe=8.0, foundation=3.0, width=width)
+    spacing = (0.5,) * len(shape.extent)
+    scene, state = mpm.slope(shape, SOIL, mpm.Discretisation(1.0, spacing), at_rest=False)
+    surface = mpm.with_columns(scene, state, surface=heights(scene, shape)).columns.surface
+    position = np.asarray(scene.particles.position)
+    level = position[0] > 6.0
+
+    def volume(*shift):
+        moved = np.where(level, np.array(shift)[[0, *([1] * (len(spacing) - 2)), 2], None], 0.0)
+        thickness = mpm.passing(scene, replace(state, displacement=jnp.asarray(moved, jnp.float32)), 1.0, surface)
+        return float(jnp.sum(thickness.thickness)) * scene.grid.cell ** (len(spacing) - 1)
+
+    area = 6.0 * (width or 1.0)  # of the level ground from x = 6 m on
+    assert volume(1.5, 0.0, 0.0) == pytest.approx(0.0, abs=1e-4)
+    assert volume(0.5, 0.0, -1.0) == pytest.approx(0.0, abs=1e-4)
+    assert volume(0.0, 0.0, 1.25) == pytest.approx(1.25 * area, rel=1e-5)
+    assert volume(0.8, 0.0, 1.125) == pytest.approx(1.125 * area, rel=1e-5)
+
+
+def test_a_slab_that_slides_along_its_slope_comes_over_none_of_it(slope):
+    shape = mpm.Slope(crest=12.0, height=8.0, run_per_rise=2.0, toe=12.0, foundation=2.0)
+    scene, state = mpm.slope(shape, SOIL, NUMERICS, at_rest=False)
+    surface = mpm.with_columns(scene, state, surface=heights(scene, shape)).columns.surface
+    x, z = np.asarray(scene.particles.position)
+    slab = (x > 16.0) & (x < 22.0) & (shape.heights(x) - z < 1.5)
+    moved = np.where(slab, np.array([2.0, -1.0])[:, None], 0.0)
+    pushed = replace(state, displacement=jnp.asarray(moved, jnp.float32))
+    assert float(mpm.passing(scene, pushed, 1.0).thickness.max()) > 1.0
+    # Boxes of a lattice stick out of a slope by an eighth of a layer, whether they moved or not.
+    assert float(mpm.passing(scene, pushed, 1.0, surface).thickness.max()) < 0.26 * 0.5
+
+
+def test_a_surface_of_another_shape_is_refused(slope):
+    scene, _ = slope
+    with pytest.raises(ValueError, match=r"surface has shape \(3,\): give \(\d+,\) finite heights"):
+        mpm.with_columns(*slope, surface=np.zeros(3))
+    with pytest.raises(ValueError, match="finite heights"):
+        mpm.with_columns(*slope, surface=np.full(scene.grid.shape[0], np.nan))
