@@ -9,7 +9,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -206,4 +206,4 @@ def _paired(refined: Rows, rough: Rows) -> tuple[Rows, list[int]]:
     """The refined runs whose rough runs are there, and the numbers of the others: nobody knows where those rank."""
     there = np.isin(refined.columns["sample"], rough.columns["sample"])
     columns = {name: values[there] for name, values in refined.columns.items()}
-    return Rows(columns, refined.damaged), refined.columns["sample"][~there].tolist()
+    return replace(refined, columns=columns), refined.columns["sample"][~there].tolist()

@@ -20,7 +20,7 @@ from cooperative.estimate import (
 from cooperative.measure import EDGE
 from cooperative.runs import phases_of, warnings_of
 from cooperative.scene import Campaign
-from cooperative.store import Rows
+from cooperative.store import Rows, mixed_versions
 from cooperative.values import Convergence, MoreRuns, OtherEstimate, StandsFor, Summary
 
 __all__ = ["Summary", "slides_of", "summarise", "summary_of", "walls_reached"]
@@ -237,7 +237,7 @@ def notes_of(
             f"{cut.broke_off} of {cut.of} slides broke off. Their displacement is a least value, and they have no "
             "part in the other consequences"
         )
-    notes += filter(None, [out_of_range(refined, slides.slid)])
+    notes += filter(None, [out_of_range(refined, slides.slid), mixed_versions({"rough": rough, "refined": refined})])
     stands = np.array([phases.answers[number] is False for number in refined.numbers], bool)
     displacement, status = refined.columns.get("displacement", np.zeros(0)), refined.columns["status"]
     smaller = in_range(refined.columns.get("volume", np.full(stands.size, np.nan)))[stands]

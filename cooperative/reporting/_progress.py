@@ -17,7 +17,17 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimate, Estimator, Phases
 from cooperative.scene import Campaign, campaign_of
-from cooperative.store import GRIDS, SLIDES, Rows, Store, lock_holder, read_rows, read_store, sample_path
+from cooperative.store import (
+    GRIDS,
+    SLIDES,
+    Rows,
+    Store,
+    lock_holder,
+    mixed_versions,
+    read_rows,
+    read_store,
+    sample_path,
+)
 from cooperative.summary import slides_of
 from foundation.text import duration, printable
 
@@ -69,6 +79,7 @@ class Progress:
         grids: coarse where there is one, rough, refined, then the slides where not all failures run to their end.
         estimate: from the refined runs so far, or while screening the share of rough failures; None before the first
             sample.
+        versions: which samples were made by which versions, where these differ, in words.
     """
 
     name: str
@@ -76,6 +87,7 @@ class Progress:
     running: bool
     grids: tuple[GridProgress, ...]
     estimate: Estimate | None
+    versions: str = ""
 
 
 def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Progress:
@@ -116,7 +128,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
         grids.append(GridProgress(SLIDES, int(drawn.slid.sum()), drawn.planned, may_grow, of_slides))
     # Before the screening is complete it is the share that fails on the rough grid.
     estimate = phases.estimate if rough.numbers else None
-    return Progress(campaign.name, *_controller(store), tuple(grids), estimate)
+    return Progress(campaign.name, *_controller(store), tuple(grids), estimate, mixed_versions(rows))
 
 
 def watched(folder: str | Path, every: float, *, estimator: Estimator | None = None) -> Iterator[str]:
@@ -207,7 +219,7 @@ def words(progress: Progress) -> str:
         f"  probability of failure so far  {estimate.probability:.3f}  "
         f"({estimate.level:.0%} interval {low:.3f} to {high:.3f}; {estimate.method})"
     )
-    lines += [f"  note: {note}" for note in estimate.notes]
+    lines += [f"  note: {note}" for note in (*estimate.notes, *filter(None, [progress.versions]))]
     return "\n".join(map(printable, lines))
 
 

@@ -28,7 +28,7 @@ from cooperative.store._disk import (
     write_sample,
 )
 from cooperative.store._opened import lock_holder, open_store, read_store
-from cooperative.store._samples import COARSE, GRIDS, MOVING, SLIDES, Record, Rows, Sample, Store
+from cooperative.store._samples import COARSE, GRIDS, MOVING, SLIDES, Record, Rows, Sample, Store, mixed_versions
 from cooperative.store._source import (
     CAMPAIGN,
     FIRST_DEFAULTS,
@@ -63,6 +63,7 @@ __all__ = [
     "check_frames",
     "fill_sample",
     "lock_holder",
+    "mixed_versions",
     "open_store",
     "own_folder",
     "read_rows",

@@ -14,6 +14,7 @@ import os
 import stat
 import warnings
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -91,6 +92,7 @@ def write_sample(store: Store, grid: str, sample: Sample, *, longer: bool = Fals
         ValueError: a store opened for reading, or a sample that is there already.
         OSError: the disk refuses, with the errno of the system, for example ENOSPC; no half file is left then.
     """
+    sample = replace(sample, versions=sample.versions or package_versions())
     path = sample_path(store, grid, sample.number)
     if store.lock is None:
         raise ValueError(f"{store.folder} is open for reading: use open_store to write {path.name}")
@@ -318,7 +320,8 @@ def _read_index(store: Store, grid: str, stamps: Mapping[str, Stamp | None]) -> 
 def _add_to_index(store: Store, grid: str, stamp: Stamp | None, record: Record) -> None:
     """Add a line for a verified file; where the disk refuses (OSError) the file is verified again another time."""
     entry = {"sample": record.number, "stamp": stamp, "status": record.status, "steps": record.steps,
-            "seconds": record.seconds, "row": dict(record.row), "shapes": record.shapes}  # fmt: skip
+            "seconds": record.seconds, "row": dict(record.row), "shapes": record.shapes,
+             "packages": dict(record.versions)}  # fmt: skip
     text = json.dumps(entry, default=np.generic.item)
     path = index_path(store.folder, grid)
     with files.explained(path), files.append_to(path) as file:
@@ -350,5 +353,8 @@ def _parsed(store: Store, grid: str, line: bytes) -> tuple[Stamp, Record]:
         raise DamagedFile(f"{path} holds a row with what is no number and no text")
     if not all(word.isprintable() for word in (entry["status"], *row, *map(str, row.values()))):
         raise DamagedFile(f"{path} holds text that cannot be printed")
-    record = Record(entry["sample"], entry["status"], entry["steps"], entry["seconds"], row, shapes)
+    versions = entry["packages"]
+    if not isinstance(versions, dict) or not all(str(each).isprintable() for each in versions.values()):
+        raise DamagedFile(f"{path} holds versions that are no names and texts")
+    record = Record(entry["sample"], entry["status"], entry["steps"], entry["seconds"], row, shapes, versions)
     return (size, changed, entered), record

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
@@ -71,6 +71,7 @@ class Record:
         seconds: of wall time.
         row: scalars by name.
         shapes: of "coefficients" and of each "fields/NAME".
+        versions: of the packages that made it.
     """
 
     number: int
@@ -79,6 +80,7 @@ class Record:
     seconds: float
     row: Mapping[str, Scalar]
     shapes: Mapping[str, tuple[int, ...]]
+    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,8 @@ class Sample:
         """The same without its arrays."""
         arrays = {"coefficients": self.coefficients} | {f"fields/{name}": each for name, each in self.fields.items()}
         shapes = {name: np.shape(values) for name, values in arrays.items()}
-        return Record(int(self.number), self.status, int(self.steps), float(self.seconds), self.row, shapes)
+        steps, seconds = int(self.steps), float(self.seconds)
+        return Record(int(self.number), self.status, steps, seconds, self.row, shapes, self.versions)
 
 
 @dataclass(frozen=True)
@@ -130,10 +133,12 @@ class Rows:
     Args:
         columns: equally long, by name.
         damaged: the files that could not be trusted.
+        versions: sample -> the packages that made it, where they are known.
     """
 
     columns: dict[str, np.ndarray]
     damaged: tuple[str, ...]
+    versions: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def numbers(self) -> list[int]:
@@ -163,7 +168,46 @@ def rows_of(samples: list[Record], damaged: tuple[str, ...] = ()) -> Rows:
     }
     for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
         columns[name] = _column([sample.row.get(name) for sample in samples])
-    return Rows(columns, damaged)
+    return Rows(columns, damaged, {sample.number: sample.versions for sample in samples if sample.versions})
+
+
+def mixed_versions(grids: Mapping[str, Rows]) -> str:
+    """Which samples were made by which versions, in words; empty where all were made by the same.
+
+    Args:
+        grids: rows by grid.
+    """
+    made: dict[tuple[tuple[str, str], ...], dict[str, list[int]]] = {}
+    for grid, rows in grids.items():
+        for number, versions in rows.versions.items():
+            numbers = {name: each for name, each in versions.items() if name in DECIDING}
+            made.setdefault(tuple(sorted(numbers.items())), {}).setdefault(grid, []).append(number)
+    if len(made) < 2:
+        return ""
+    differ = {name for name in DECIDING if len({dict(each).get(name) for each in made}) > 1}
+    parts = []
+    for versions, where in made.items():
+        packages = ", ".join(f"{name} {number}" for name, number in versions if name in differ)
+        parts.append(" and ".join(f"{grid} {_ranges(numbers)}" for grid, numbers in where.items()) + f" by {packages}")
+    return (
+        f"samples were made by several versions, whose rounding differs: {'; '.join(parts)}. Each is whole, and the "
+        "campaign as a whole cannot be made again bit for bit"
+    )
+
+
+DECIDING = ("jaxmpm", "jax", "jaxlib", "numpy", "scipy")
+"""Packages on whose versions the rounding of a result depends."""
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Numbers in words: "0 to 4, 7"."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1][1:] = [number]
+        else:
+            runs.append([number])
+    return ", ".join(" to ".join(map(str, run)) for run in runs)
 
 
 def _column(values: list[Scalar | None]) -> np.ndarray:

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from cooperative import run, runs
+from cooperative import Campaign, run, runs
 from cooperative.reporting import export, progress_of, report
 from cooperative.scene import campaign_of
 from cooperative.store import read_rows, read_sample, read_store
@@ -99,8 +99,9 @@ def test_a_finished_folder_keeps_the_slides_of_its_earlier_draw(stored, tmp_path
 
 
 @pytest.mark.parametrize("name", [pytest.param("screening", marks=pytest.mark.slow), "audit"])
-def test_a_folder_killed_half_way_gives_the_answer_that_it_would_have_had(stored, tmp_path, name):
+def test_a_folder_killed_half_way_gives_the_answer_that_it_would_have_had(stored, tmp_path, name, monkeypatch):
     folder = tmp_path / name
+    monkeypatch.setattr(Campaign, "failing_volume", None)  # these campaigns count any particle
     shutil.copytree(stored / name, folder)
     before = {grid: read_rows(read_store(folder), grid) for grid in ("rough", "refined")}
     whole = {grid: read_rows(read_store(stored / "finished"), grid).columns for grid in ("rough", "refined")}
@@ -125,4 +126,4 @@ def test_a_folder_killed_half_way_gives_the_answer_that_it_would_have_had(stored
         earlier = np.isin(rows.numbers, before[grid].numbers)
         if grid == "rough":
             assert rows.columns["seconds"][earlier].tolist() == before[grid].columns["seconds"].tolist()
-    assert not list(folder.glob("restart/*"))
+    assert not [path for path in folder.glob("restart/*") if not path.name.startswith("moving-")]
