@@ -1,7 +1,8 @@
 """Coefficients of samples: standard normal, (n_samples, n_modes), one row for each sample.
 
 A row depends on the key, the number of its sample and the size of the design, never on the batch it is drawn in:
-`rows` picks samples by number and gives the same rows as the whole design.
+`rows` picks samples by number and gives the same rows as the whole design. Nor does it depend on the precision of JAX:
+every draw is one of single precision, given in the default one.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from kl.marginal import from_both_tails
 from kl.types import HostIndex
 
 _SOBOL_BITS = 53
+_DRAWN = jnp.float32
+"""Precision of every draw, whatever the default of JAX."""
 Rows: TypeAlias = ArrayLike | Sequence[int]
 
 
@@ -60,7 +63,8 @@ def monte_carlo(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None =
 
 @partial(jax.jit, static_argnames="n_modes")
 def _normal_rows(key: Array, numbers: Array, n_modes: int) -> Array:
-    return jax.vmap(lambda number: jax.random.normal(jax.random.fold_in(key, number), (n_modes,)))(numbers)
+    scores = jax.vmap(lambda number: jax.random.normal(jax.random.fold_in(key, number), (n_modes,), _DRAWN))(numbers)
+    return scores.astype(jnp.result_type(float))
 
 
 def latin_hypercube(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
@@ -90,12 +94,12 @@ def _stratified_rows(key: Array, numbers: Array, n_samples: int, n_modes: int) -
     def column(mode: Array) -> Array:
         order_key, within_key = jax.random.split(jax.random.fold_in(key, mode))
         stratum = jax.random.permutation(order_key, n_samples)[numbers]
-        within = jax.random.uniform(within_key, (n_samples,), minval=1e-6, maxval=1 - 1e-6)[numbers]
-        below = (stratum + within) / n_samples
-        above = ((n_samples - 1 - stratum) + (1 - within)) / n_samples
+        within = jax.random.uniform(within_key, (n_samples,), _DRAWN, 1e-6, 1 - 1e-6)[numbers]
+        below = (stratum.astype(_DRAWN) + within) / n_samples
+        above = ((n_samples - 1 - stratum).astype(_DRAWN) + (1 - within)) / n_samples
         return from_both_tails(below, above)
 
-    return jax.lax.map(column, jnp.arange(n_modes)).T
+    return jax.lax.map(column, jnp.arange(n_modes)).T.astype(jnp.result_type(float))
 
 
 def sobol(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None) -> Array:
@@ -126,4 +130,4 @@ def sobol(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None)
     # Padding to a power of 2 does not change the sequence: its first n points are the same.
     points = engine.random_base2(max(0, int(n_samples - 1).bit_length()))[numbers]
     centred = points + 0.5 ** (_SOBOL_BITS + 1)
-    return jnp.asarray(ndtri(centred), jnp.result_type(float))
+    return jnp.asarray(ndtri(centred), _DRAWN).astype(jnp.result_type(float))

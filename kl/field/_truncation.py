@@ -152,7 +152,7 @@ def with_residual(field: Array, variance: Array, key: Array) -> Array:
     _require_of_field(variance, field)
     check.not_negative("captured variance", variance)
     missing = jnp.maximum(1 - variance, 0)
-    return field + jnp.sqrt(missing) * jax.random.normal(key, field.shape, field.dtype)
+    return field + jnp.sqrt(missing) * jax.random.normal(key, field.shape, jnp.float32).astype(field.dtype)
 
 
 def _require_of_field(variance: Array, field: Array) -> None:
