@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -166,6 +166,26 @@ def plain_unit(unit: str) -> str:
     """
     plain = unit.strip().lower().replace("²", "2").replace("³", "3")
     return re.sub(r"[\s^*·]+", "", plain)
+
+
+def scale_of(where: str, unit: str, units: Mapping[str, float] = LENGTHS) -> float:
+    """What a number in a unit is multiplied by; a datum may follow the unit, as in "m NAP".
+
+    Args:
+        where: file and column, for messages.
+        unit: as the file has it.
+        units: factor of each unit, by its name as `plain_unit` writes it.
+
+    Returns:
+        Factor.
+
+    Raises:
+        ValueError: If the unit is none of them.
+    """
+    for text in (unit, re.split(r"[\s+]", f"{unit.strip()} ")[0]):
+        if plain_unit(text) in units:
+            return units[plain_unit(text)]
+    raise ValueError(f"{where} is in {shown(unit)}, which is no unit known here: give one of {', '.join(units)}")
 
 
 def table_of(path: Path, text: str) -> Table:

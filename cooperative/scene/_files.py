@@ -44,14 +44,14 @@ class Files:
     Args:
         known: points and rasters by name.
         folder: where those lie that are not known yet, None where there are no more.
-        origin: subtracted from coordinates in the projection of the files (m).
+        origin: subtracted from coordinates in the projection of the files (m); of a section along x alone.
         outside: whether files may lie outside the folder.
         projections: coordinate systems of those that have one, by name; the first is the surface's.
     """
 
     known: dict[str, object]
     folder: Path | None = None
-    origin: tuple[float, float] = (0.0, 0.0)
+    origin: tuple[float, ...] = (0.0, 0.0)
     outside: bool = False
     projections: dict[str, str] = field(default_factory=dict)
 
@@ -77,19 +77,38 @@ class Files:
                 content[name] = packed(name, each)
         return content
 
-    def points(self, name: str) -> list[object]:
+    def points(self, name: str, *, outline: bool = False) -> list[object]:
         """Points of a file, in a drawing of one of its layers: "section.dxf#GROUND".
+
+        Args:
+            name: of the file.
+            outline: whether it may hold a closed outline, whose upper edge is the line.
 
         Raises:
             ValueError: it has none; the text is the end of a message.
         """
         drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
         path, *layer = (name,) if drawing is None else drawing.groups()
-        return self._content(name, list, lambda: read_line(self._path(path), *layer), "give points [[x, z], ...]")
+
+        def read() -> list[list[float]]:
+            return self._from_origin(read_line(self._path(path), *layer, outline=outline), 1)
+
+        return self._content(name, list, read, "give points [[x, z], ...]")
 
     def data(self, name: str) -> list[object]:
         """Measured values of a file, a row each, likewise."""
-        return self._content(name, list, lambda: read_rows(self._path(name)))
+
+        def read() -> list[list[float]]:
+            rows = read_rows(self._path(name))
+            return self._from_origin(rows, len(rows[0]) - 2)
+
+        return self._content(name, list, read)
+
+    def _from_origin(self, rows: list[list[float]], plan: int) -> list[list[float]]:
+        """Rows, whose first numbers are a position in plan, counted from the origin."""
+        table, plan = np.array(rows, float), min(plan, len(self.origin))
+        table[:, :plan] -= shift_of(self.origin[:plan], table[:, :plan])
+        return table.tolist()
 
     def raster(self, name: str) -> Raster:
         """Heights of a file, likewise."""
@@ -110,8 +129,7 @@ class Files:
             features, projection = read_features(self._path(path), layer or None)
             self._compare(path, projection)
             for each in features:
-                points = np.array(each["points"])
-                each["points"] = (points - shift_of(self.origin, points)).tolist()
+                each["points"] = self._from_origin(each["points"], 2)
             return features
 
         remedy = "give points [[x, y], ...]"

@@ -24,11 +24,11 @@ def shift_of(origin: Sequence[float], points: np.ndarray) -> np.ndarray:
     """What to subtract from points of a file, so that they are counted from the origin of the scene.
 
     Args:
-        origin: of the scene in the projection of its files (2,) m.
-        points: of the file (n, 2) m.
+        origin: of the scene in the projection of its files (d,) m.
+        points: of the file (n, d) m.
 
     Returns:
-        The origin where the points are coordinates of the projection, 0 where they are counted from it already (2,) m.
+        The origin where the points are coordinates of the projection, 0 where they are counted from it already (d,) m.
 
     Raises:
         ValueError: they lie about as far from the origin as from 0.
@@ -36,11 +36,12 @@ def shift_of(origin: Sequence[float], points: np.ndarray) -> np.ndarray:
     start, middle = np.asarray(origin, float), np.asarray(points, float).mean(axis=0)
     from_origin, from_zero = float(np.linalg.norm(middle - start)), float(np.linalg.norm(middle))
     if not start.any() or CLEARLY * from_zero <= from_origin:
-        return np.zeros(2)
+        return np.zeros(start.size)
     if CLEARLY * from_origin <= from_zero:
         return start
+    where = ", ".join(f"{each:.10g}" for each in middle)
     raise ValueError(
-        f"the middle of the file, ({middle[0]:.10g}, {middle[1]:.10g}) m, lies {from_origin:.3g} m from origin = "
+        f"the middle of the file, ({where}) m, lies {from_origin:.3g} m from origin = "
         f"{list(origin)} and {from_zero:.3g} m from 0, so that it is not clear whether the origin is to be subtracted: "
         "give an origin at a corner of the file, or none"
     )
@@ -58,6 +59,20 @@ def ask_for_origin(surface: Raster) -> None:
             f"[terrain] surface begins at x = {surface.ends[0][0]:.10g} m and y = {surface.ends[1][0]:.10g} m, in a "
             f"national grid: add origin = [{west:.1f}, {south:.1f}], which is subtracted; walls, lines and elements at "
             "risk are then counted from it"
+        )
+
+
+def ask_for_origin_of_section(surface: Sequence[Sequence[float]]) -> None:
+    """Raise ValueError for the surface of a section in a national grid, likewise.
+
+    Args:
+        surface: its points [x, z] (m).
+    """
+    start = surface[0][0]
+    if max(abs(start), abs(surface[-1][0])) > FARTHEST:
+        raise ValueError(
+            f"[ground] surface begins at x = {start:.10g} m, in a national grid: add origin = "
+            f"{floor(start / 100) * 100:.1f}, which is subtracted from x of files, and count all other x from it"
         )
 
 

@@ -17,7 +17,7 @@ from cooperative.scene._contact import interface_of, on_soil
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
 from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground
-from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, between_cells, track_of
+from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, ask_for_origin_of_section, between_cells, track_of
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
 from cooperative.scene._site import Site, Water
@@ -152,8 +152,11 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
 
 
-def _origin(scene: Mapping[str, object]) -> tuple[float, float]:
-    """Of a terrain, as the scene has it; (0, 0) where it has none that will do, which is reported when it is read."""
+def _origin(scene: Mapping[str, object]) -> tuple[float, ...]:
+    """Of a terrain or a section, as the scene has it; 0 where it has none that will do, which reading reports."""
+    x = table_of(scene, "ground").get("origin")
+    if isinstance(x, int | float):
+        return (float(x),)
     given = table_of(scene, "terrain").get("origin")
     known = isinstance(given, list) and len(given) == 2 and all(isinstance(each, int | float) for each in given)
     return (float(given[0]), float(given[1])) if known and isinstance(given, list) else (0.0, 0.0)
@@ -207,13 +210,14 @@ def _site(scene: tables.Scene) -> Site:
 
 def _section(scene: tables.Scene, table: tables.Ground) -> Site:
     values = dict(table)
-    ends = values.pop("ends")
+    ends, origin = values.pop("ends"), values.pop("origin")
+    ask_for_origin_of_section(table.surface)
     shape = Section(**{**values, "interface": interface_of(table.interface)})
     try:
         shape.check()
     except ValueError as error:
         raise ValueError(f"[ground] {error}") from error
-    return Site(shape, ends, (), *_water(scene, shape))
+    return Site(shape, ends, (), *_water(scene, shape), origin=(origin or 0.0, 0.0))
 
 
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:

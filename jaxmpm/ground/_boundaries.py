@@ -24,6 +24,10 @@ FOOT = 1e-6
 """Largest distance of a toe from a point of the surface, as a share of the section's length."""
 
 
+UPRIGHT = 1e-7
+"""Largest distance by which an upright face turns back from rounding, as a share of a line's length."""
+
+
 TOUCHING = 0.01
 """Largest distance of two lines that touch, as a share of a particle's height."""
 
@@ -60,12 +64,14 @@ def points_of(name: str, line: Line | Raster) -> np.ndarray:
         raise ValueError(f"{name} = {shown(line)}: give two points [x, z] or more")
     points = np.asarray(line, float)
     check.finite(name, points, "m")
-    for (x0, z0), (x1, z1) in pairwise(points):
-        if x1 < x0:
-            raise ValueError(
-                f"{name} turns back from ({x0:g}, {z0:g}) to ({x1:g}, {z1:g}) m: give points with x rising, without "
-                "overhang"
-            )
+    back = np.flatnonzero(-np.diff(points[:, 0]) > UPRIGHT * np.ptp(points[:, 0]))
+    if back.size:
+        (x0, z0), (x1, z1) = points[back[0] : back[0] + 2]
+        raise ValueError(
+            f"{name} turns back from ({x0:.10g}, {z0:g}) to ({x1:.10g}, {z1:g}) m: give points with x rising, without "
+            "overhang"
+        )
+    points = np.column_stack([np.maximum.accumulate(points[:, 0]), points[:, 1]])
     # A point drawn twice has no slope.
     return points[np.r_[True, np.diff(points, axis=0).any(axis=1)]]
 

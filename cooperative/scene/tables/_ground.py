@@ -82,8 +82,9 @@ class Ground(Table):
     """Ground that you draw, a section in plane strain, in place of `[slope]`.
 
     A line is a list of points with rising x, `[[x, z], ...]`, or the name of a file beside the scene. The file is a CSV
-    of points, or a DXF drawing in metres (extra `sections`). A drawing has one polyline, or one in the layer named
-    after `#`, as in `"section.dxf#GROUND"`. The distance of the walls is a multiple of both cells.
+    with the columns `x [m]` and `z [m]`, or a DXF drawing (extra `sections`), in any unit of length. A drawing has one
+    polyline or pieces that meet, or those in the layer named after `#`, as in `"section.dxf#GROUND"`; a closed outline
+    gives the surface its upper edge. The distance of the walls is a multiple of both cells.
     """
 
     surface: Line = key(
@@ -91,6 +92,13 @@ class Ground(Table):
         synonyms="points polyline profile coordinates",
     )  # fmt: skip
     base: Metres = key("Height of the rigid base.", -4.0, 0.0)
+    origin: Metres | None = key(
+        "Where x = 0 lies in the coordinates of the files. It is subtracted from x of files whose coordinates are "
+        "those; all other numbers of the scene are counted from it.",
+        685000.0,
+        None,
+        otherwise="`0.0`",
+    )
     walls: Pair[Metres] | None = key(
         "Where the ground ends.", [0.0, 92.0], None, otherwise="the ends of the surface", allowed=_WALLS
     )

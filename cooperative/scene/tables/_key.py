@@ -216,7 +216,10 @@ def _is_finite(value: object) -> bool:
 def _points(value: object, info: ValidationInfo) -> object:
     if not isinstance(value, str):
         return as_points(value)
-    return value if info.context is None else as_points(info.context.points(value))
+    # The outline of the ground has a surface; of any other closed line it is not clear which edge is meant.
+    return (
+        value if info.context is None else as_points(info.context.points(value, outline=info.field_name == "surface"))
+    )
 
 
 Line = Annotated[

@@ -43,7 +43,7 @@ def test_each_layer_has_its_own_distribution_of_the_one_field():
 
 
 def test_points_may_lie_in_a_file_beside_the_scene(tmp_path):
-    (tmp_path / "ground.csv").write_text("x,z\n0,10\n8;10\n16 2\n32,2\n")
+    (tmp_path / "ground.csv").write_text("z;x\n10;0\n10;8\n2;16\n2;32\n")
     # Spreadsheets write a byte order mark, with or without headings after it.
     (tmp_path / "marked.csv").write_text("\ufeff0,10\n8,10\n16,2\n32,2\n", encoding="utf-8")
     assert read_line(tmp_path / "marked.csv") == read_line(tmp_path / "ground.csv")
@@ -58,10 +58,10 @@ def test_points_may_lie_in_a_file_beside_the_scene(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("x_ft,z_ft\n0,10\n", "give x and z in metres, not in feet"),
-        ("0,10\nten,1\n", "line 2 is 'ten,1': give x and z"),
-        ("0,10,3\n", "line 1 is '0,10,3': give two finite numbers"),
-        ("0,10\n1,nan\n", "line 2 is '1,nan'"),
+        ("x_ft,z_furlong\n0,10\n", "has the headings .* name the distance along the section x"),
+        ("0,10\nten,1\n", "line 2 has 'ten', '1': give x and z"),
+        ("0,10,3\n", "line 1 has 3 columns: give two, x and z"),
+        ("0,10\n1,nan\n", "line 2 has '1', 'nan': give x and z"),
         ("0,10\n", "holds 1 points: give 2 to 10000"),
         (None, "ground.csv cannot be read"),
     ],

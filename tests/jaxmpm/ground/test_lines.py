@@ -58,13 +58,12 @@ def test_a_scene_takes_surface_and_layers_from_one_drawing(tmp_path):
 
 REFUSED = [
     ([("A", GROUND), ("B", GROUND)], {}, None, r"has 2 polylines, and the line is one: name its layer, as in a.dxf#A"),
-    ([("A", GROUND), ("A", GROUND)], {}, "A", "has 2 polylines in its layer 'A', and the line is one: join them"),
+    ([("A", GROUND), ("A", GROUND)], {}, "A", "outline of .* encloses nothing: draw the line once"),
     ([("A", GROUND)], {}, "ROCK", "has no polyline in a layer 'ROCK'; layers with some: 'A'"),
     ([], {}, None, "has 0 polylines, and the line is one: draw one"),
-    ([("A", GROUND)], {"units": 2}, None, r"is drawn in feet \(\$INSUNITS = 2\): scale it to metres"),
-    ([("A", GROUND)], {"units": 4}, None, r"is drawn in millimeters \(\$INSUNITS = 4\)"),
-    ([("A", GROUND)], {"units": 1}, None, r"is drawn in inches"),
-    ([("A", GROUND, "closed")], {}, None, "in layer 'A' is closed: give the open line"),
+    ([("A", GROUND)], {"units": 3}, None, r"is drawn in miles \(\$INSUNITS = 3\): scale it to metres"),
+    ([("A", GROUND)], {"units": 4}, None, r"is drawn in millimeters \(\$INSUNITS = 4\), so that the line is 0\.032 m"),
+    ([("A", GROUND, "closed"), ("B", GROUND)], {}, None, "has 2 polylines"),
     ([("A", [(0, 10, 0), (8, 9, 1), (16, 2, 3)])], {}, None, "runs through space, 8 m along y and 3 m along z"),
 ]
 
@@ -78,6 +77,20 @@ def test_drawings_that_do_not_give_one_line_are_refused(lines, how, layer, messa
 
 def test_a_drawing_without_units_is_in_metres(tmp_path):
     assert np.allclose(mpm.read_line(drawing(tmp_path / "a.dxf", ("A", GROUND), units=0)), GROUND)
+
+
+@pytest.mark.parametrize("named", ["block 'CUT': explode it", r"curve \(spline\): turn it into a polyline"])
+@pytest.mark.parametrize("layer", [None, "0"])
+def test_blocks_and_curves_are_named(named, layer, tmp_path):
+    made = ezdxf.new(units=6)
+    if "block" in named:
+        made.blocks.new("CUT").add_lwpolyline(GROUND)
+        made.modelspace().add_blockref("CUT", (0, 0))
+    else:
+        made.modelspace().add_spline([(x, z, 0) for x, z in GROUND])
+    made.saveas(tmp_path / "a.dxf")
+    with pytest.raises(ValueError, match=named):
+        mpm.read_line(tmp_path / "a.dxf", layer)
 
 
 def test_arcs_are_refused(tmp_path):
@@ -108,7 +121,7 @@ def test_damaged_drawings_are_named(tmp_path):
 
 def test_a_mistyped_number_in_the_first_row_is_no_heading(tmp_path):
     (tmp_path / "a.csv").write_text("O,14\n12,14\n36,6\n")
-    with pytest.raises(ValueError, match=r"a\.csv, line 1 is 'O,14': give x and z, two numbers"):
+    with pytest.raises(ValueError, match=r"a\.csv, line 1 has 'O', '14': give x and z, two finite numbers"):
         mpm.read_line(tmp_path / "a.csv")
 
 
@@ -117,3 +130,106 @@ def test_what_reads_drawings_is_asked_for_where_it_lacks(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezdxf", None)
     with pytest.raises(ValueError, match=r"a\.dxf is a DXF .* ezdxf reads: pip install ezdxf"):
         mpm.read_line(path)
+
+
+HEADED = {
+    "x,z\n0,10\n8,10\n16,2\n32,2\n": "in order",
+    "z,x\n10,0\n10,8\n2,16\n2,32\n": "the other way round",
+    "Chainage [km];Höhe [cm]\n0;1000\n0,008;1000\n0,016;200\n0,032;200\n": "units in brackets",
+    "No,distance,elevation\n,ft,m NAP\n1,0,10\n2,26.246719,10\n3,52.493438,2\n4,104.986877,2\n": "a row of units",
+    "x_mm\tz_m\n0\t10\n8000\t10\n16000\t2\n32000\t2\n": "units behind a name",
+    "# z x\n10 0\n10 8\n2 16\n2 32\n": "headings in a comment",
+    "# surveyed in 2019\n0 10\n8 10\n16 2\n32 2\n": "a comment of two words more",
+    "# Slope 7\nx,y\n0,10\n8,10\n16,2\n32,2\n": "y as the height of a section",
+    "32,2\n16,2\n8,10\n0,10\n": "from right to left",
+}
+
+
+@pytest.mark.parametrize("text", HEADED, ids=HEADED.values())
+@pytest.mark.filterwarnings("ignore:.*columns beside x and z are not read")
+def test_columns_are_read_by_their_headings(text, tmp_path):
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    assert np.allclose(mpm.read_line(tmp_path / "a.csv"), GROUND, atol=1e-6)
+
+
+def test_columns_that_are_left_out_are_named(tmp_path):
+    (tmp_path / "a.csv").write_text("point,x,z\n1,0,10\n2,8,9\n")
+    with pytest.warns(UserWarning, match="columns beside x and z are not read: 'point'"):
+        assert mpm.read_line(tmp_path / "a.csv") == [[0, 10], [8, 9]]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("depth,x\n0,1\n2,3\n", "has the headings .*: name the distance along the section x"),
+        ("a,b\n0,1\n2,3\n", "has the headings"),
+        ("x,y,z\n0,1,2\n2,3,4\n", "has the headings"),
+        ("x,distance,z\n0,1,2\n2,3,4\n", "two columns are headed as x"),
+        ("x [furlong],z\n0,1\n2,3\n", "is in 'furlong', which is no unit known here"),
+        ("0,0,10,0\n8,0,10,0\n", "has 4 columns: give two, x and z, .* semicolons if commas mark decimals"),
+        ("x,z\n0,1\n2,\n", "line 3 has '2', '': give x and z"),
+        ("x,z\n0,1\n2,nan\n", "line 3 has '2', 'nan'"),
+    ],
+)
+def test_lines_that_are_not_clear_are_refused(text, why, tmp_path):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(ValueError, match=why):
+        mpm.read_line(tmp_path / "a.csv")
+
+
+RING = [(0, 0), *GROUND, (32, 0)]
+
+
+@pytest.mark.parametrize("turn", [1, -1], ids=["clockwise", "anticlockwise"])
+@pytest.mark.parametrize("start", range(len(RING)))
+@pytest.mark.parametrize("form", ["closed", "open", "pieces"])
+def test_the_surface_is_the_upper_edge_of_an_outline(form, start, turn, tmp_path):
+    ring = (RING[start:] + RING[:start])[::turn]
+    ends = [*ring, ring[0]]
+    lines = {"closed": [("A", ring, "closed")], "open": [("A", ends)]}
+    lines["pieces"] = [("A", ends[k : k + 2][:: (-1) ** k]) for k in (0, 3, 1, 5, 2, 4)]
+    path = drawing(tmp_path / "a.dxf", *lines[form])
+    assert np.allclose(mpm.read_line(path), GROUND)
+    with pytest.raises(ValueError, match="is closed: give the open line"):
+        mpm.read_line(path, outline=False)
+
+
+def test_only_the_surface_of_a_scene_may_be_an_outline(tmp_path):
+    drawing(tmp_path / "a.dxf", ("GROUND", RING, "closed"), ("ROCK", [(0, 0), (0, 1), (32, 1), (32, 0)], "closed"))
+    drawn = LAYERED.replace("[[0.0, 10.0], [8.0, 10.0], [16.0, 2.0], [32.0, 2.0]]", '"a.dxf#GROUND"')
+    assert parse(_written(tmp_path, drawn)).site == parse(LAYERED).site
+    with pytest.raises(ValueError, match=r"layer .*the line of .*a\.dxf is closed"):
+        read_scene(_written(tmp_path, drawn.replace("[[0.0, 1.0], [32.0, 1.0]]", '"a.dxf#ROCK"')))
+
+
+def _written(folder, text):
+    (folder / "scene.toml").write_text(text)
+    return folder / "scene.toml"
+
+
+@pytest.mark.parametrize(("code", "metres"), [(1, 0.0254), (2, 0.3048), (4, 0.001), (5, 0.01), (7, 1e3), (10, 0.9144)])
+def test_drawings_are_converted_to_metres(code, metres, tmp_path):
+    path = drawing(tmp_path / "a.dxf", ("A", [(x / metres, z / metres) for x, z in GROUND]), units=code)
+    assert np.allclose(mpm.read_line(path), GROUND)
+
+
+@pytest.mark.parametrize("offset", [0.0, 685000.0])
+def test_an_upright_face_may_lean_by_rounding(offset):
+    lines = ([(0, 4), (8, 4), (8 + lean, 1), (16, 1)] for lean in (0.0, -1e-9, 1e-9))
+    upright, *leaning = (mpm.Section([(x + offset, z) for x, z in line]) for line in lines)
+    x = offset + np.array([0.0, 7.9, 8.1, 16.0])
+    assert all(np.allclose(each.heights(x), upright.heights(x)) for each in leaning)
+    with pytest.raises(ValueError, match=r"turns back from .* give points with x rising"):
+        mpm.Section([(0, 4), (8, 4), (7.999, 1), (16, 1)]).check()
+
+
+def test_a_section_in_a_national_grid_asks_for_the_origin_and_takes_it(tmp_path):
+    drawing(tmp_path / "a.dxf", ("GROUND", [(x + 685000, z) for x, z in GROUND]), ("ROCK", [(0, 1), (32, 1)]))
+    drawn = LAYERED.replace("[[0.0, 10.0], [8.0, 10.0], [16.0, 2.0], [32.0, 2.0]]", '"a.dxf#GROUND"')
+    drawn = drawn.replace("[[0.0, 1.0], [32.0, 1.0]]", '"a.dxf#ROCK"')
+    with pytest.raises(ValueError, match=r"begins at x = 685000 m, in a national grid: add origin = 685000\.0, "):
+        parse(_written(tmp_path, drawn))
+    shifted = parse(_written(tmp_path, drawn.replace("[ground]", "[ground]\norigin = 685000.0")))
+    assert shifted.site.shape == parse(LAYERED).site.shape
+    assert shifted.site.layers == parse(LAYERED).site.layers
+    assert shifted.site.origin == (685000.0, 0.0)
