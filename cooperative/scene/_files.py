@@ -138,9 +138,19 @@ class Files:
             raise _not_read(name, remedy)
         return features
 
-    def motion(self, name: str) -> BaseMotion:
-        """Record of motion of a file, likewise, along x, y and z in its own unit."""
-        return self._content(name, BaseMotion, lambda: read_motion(self._path(name), axes=AXES))
+    def motion(self, name: str, unit: float | None) -> BaseMotion:
+        """Record of motion of a file, likewise, along x, y and z in its own unit.
+
+        Args:
+            name: of the file.
+            unit: of the record by the scene (m/s2), None where it has none that is known.
+        """
+        known = next((each for each, factor in tables.ACCELERATIONS.items() if factor == unit), "m/s2")
+
+        def read() -> BaseMotion:
+            return read_motion(self._path(name), axes=AXES, unit=known, scale=1 / tables.ACCELERATIONS[known])
+
+        return self._content(name, BaseMotion, read)
 
     def _content(self, name: str, kind: type[T], read: Callable[[], T], remedy: str = "run the scene's own file") -> T:
         """What a file holds, read from the folder where it is not known yet."""

@@ -82,7 +82,7 @@ class Ground(Table):
     """Ground that you draw, a section in plane strain, in place of `[slope]`.
 
     A line is a list of points with rising x, `[[x, z], ...]`, or the name of a file beside the scene. The file is a CSV
-    with the columns `x [m]` and `z [m]`, or a DXF drawing (extra `sections`), in any unit of length. A drawing has one
+    whose headings name x and z, or a DXF drawing (extra `sections`), each in any unit of length. A drawing has one
     polyline or pieces that meet, or those in the layer named after `#`, as in `"section.dxf#GROUND"`; a closed outline
     gives the surface its upper edge. The distance of the walls is a multiple of both cells.
     """

@@ -250,7 +250,7 @@ def _content(read: Callable[[ValidationInfo, str], object]) -> AfterValidator:
 _FILE = Field(json_schema_extra={"allowed": "the name of a file"})
 Raster = Annotated[str, _content(lambda info, name: info.context.raster(name)), _FILE]
 """Heights by the name of a file, likewise."""
-Record = Annotated[str, _content(lambda info, name: info.context.motion(name)), _FILE]
+Record = Annotated[str, _content(lambda info, name: info.context.motion(name, info.data.get("record_unit"))), _FILE]
 """A record of motion by the name of a file, likewise."""
 Features = Annotated[str, _content(lambda info, name: info.context.features(name))]
 """Lines or polygons in plan by the name of a file and its layer, "site.gpkg#houses", likewise."""

@@ -18,10 +18,11 @@ class Motion(Table):
     settles before the record ends. A limit load, and factors of safety of a calibration, are those without the motion.
     """
 
+    record_unit: Annotated[float, one_of(UNITS)] = key("Unit of the record's acceleration.", "g")
     record: Record = key(
-        "CSV file of the acceleration. Its first row names the columns: `time` (s), even and from 0, and some of `x`, "
-        "`z` and in 3D `y`.",
+        "File of the acceleration: a CSV or a file of PEER (.AT2), whose component is along x. The first row of a CSV "
+        "names the columns: `time` (s), even, and some of `x`, `z` and in 3D `y`. Without names they are `time` and "
+        "`x`.",
         "record.csv",
     )
-    record_unit: Annotated[float, one_of(UNITS)] = key("Unit of the record's acceleration.", "g")
     scale: AboveZero = key("Factor on the acceleration.", 1.5, 1.0)

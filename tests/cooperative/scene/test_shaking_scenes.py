@@ -92,6 +92,17 @@ def test_a_record_gives_the_numbers_of_the_solver_and_goes_with_the_scene(tmp_pa
     assert read(campaign).run.motion.acceleration.shape == (2, 101)  # as a folder keeps one that was written in Python
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("g", STANDARD_GRAVITY), ("cm/s2", 0.01), ("m/s2", 1.0)])
+def test_the_unit_that_a_record_states_is_that_of_the_scene(unit, factor, tmp_path):
+    headed = RECORD.replace("time,x,z", f"Time (s),ax [{unit}],az [{unit}]")
+    usual = SCENE.replace("[soil]", "[soil]\nunusual = true")
+    read = parse(shaken(tmp_path, headed, MOTION.replace('"g"', f'"{unit}"'), usual)).run.motion
+    assert np.isclose(np.abs(read.acceleration[0]).max(), 0.5 * 0.2 * factor, rtol=1e-3)
+    other = "cm/s2" if unit == "g" else "g"
+    with pytest.raises(ValueError, match=f"has its x in {unit}, and {other} is asked for"):
+        read_scene(shaken(tmp_path, headed, MOTION.replace('"g"', f'"{other}"')))
+
+
 def test_no_run_settles_before_its_record_ends(tmp_path):
     quiet = "time,x\n" + "\n".join(f"{0.1 * k:.1f},{0.3 * (k > 30)}" for k in range(36))
     model = model_of(shaken(tmp_path, quiet), at_rest=True)

@@ -11,6 +11,7 @@ import pytest
 import jaxmpm as mpm
 from benchmarks.accuracy import earthquakes
 from jaxmpm import diagnostics
+from jaxmpm.soil import STANDARD_GRAVITY
 
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
 SOIL = mpm.Soil(unit_weight=19620.0, young=2e7, poisson=0.0)
@@ -138,10 +139,11 @@ def test_a_record_is_read(head, tmp_path):
 BAD = {
     "word": (TAKEN.replace("-0.2", "much"), "line 4: x = 'much': give a finite number"),
     "infinite": (TAKEN.replace("-0.2", "inf"), "line 4: x = 'inf'"),
-    "short row": (TAKEN.replace("0.01, -0.2", "0.01"), "line 4 has 1 values, the first row names 2"),
-    "uneven": (TAKEN.replace("0.01", "0.013"), "line 4: time = 0.013 s, 0.01 s with the even interval"),
+    "short row": (TAKEN.replace("0.01, -0.2", "0.01"), "line 4: x = '': give a finite number"),
+    "long row": (TAKEN.replace("-0.2", "-0.2, 1"), "line 4 has 3 cells and the headings"),
+    "uneven": (TAKEN.replace("0.01", "0.013"), "line 4: time = 0.013 s after the first, 0.01 s with the even interval"),
     "backwards": (TAKEN.replace("0.02", "-0.02"), "goes from 0 to -0.02 s"),
-    "late": (TAKEN.replace("0.00,", "0.005,"), "goes from 0.005 to 0.02 s: give times that rise from 0"),
+    "coarse": ("time, x\n0, 1\n0, 2\n1, 3\n1, 4\n2, 5\n", "rounded to 1 s, so that its interval may be"),
     "column": (TAKEN.replace("time, x", "time, north"), "has columns"),
     "no time": (TAKEN.replace("time, x", "x, z"), "time and some of x, z"),
     "twice": (TAKEN.replace("time, x", "time, time"), "each once"),
@@ -156,6 +158,62 @@ def test_a_record_with_bad_rows_is_refused(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
         mpm.read_motion(path)
+
+
+WAVE = np.round(0.3 * np.sin(np.arange(400) / 9), 6)
+
+
+def _listed(times="{:.3f}", head="time,x", row="{},{:.6f}", start=0.0, factor=1.0, comma=False):
+    rows = [row.format(times.format(start + 0.005 * k), a * factor) for k, a in enumerate(WAVE)]
+    return "\n".join([head, *(each.replace(".", ",") if comma else each for each in rows)]) + "\n"
+
+
+PEER = (
+    "PEER NGA STRONG MOTION DATABASE RECORD\nmade up event\nACCELERATION TIME SERIES IN UNITS OF G\n{}\n"
+    + "\n".join("".join(f"{a:15.7E}" for a in WAVE[k : k + 5]) for k in range(0, 400, 5))
+)
+RECORDS = {
+    "a.csv": (_listed(), "g"),
+    "begins at the interval.csv": (_listed(start=0.005), "g"),
+    "units.csv": (_listed(head="Time (s),Acceleration (g)"), None),
+    "rounded.csv": (_listed("{:.2f}"), "g"),
+    "semicolons.csv": (_listed(head="time;x", row="{};{:.6f}", comma=True), "g"),
+    "commas at the end.csv": (_listed(head="time,x,", row="{},{:.6f},"), "g"),
+    "capitals.csv": (_listed(head="Time,X"), "g"),
+    "no headings.txt": (_listed(row="{} {:.6f}").partition("\n")[2], "g"),
+    "rec.AT2": (PEER.format("NPTS=   400, DT=   .0050 SEC"), None),
+    "old.at2": (PEER.format("  400    0.0050    NPTS, DT"), "g"),
+}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+@pytest.mark.filterwarnings("ignore:.*its times are rounded")
+def test_one_record_in_any_form_is_one_motion(name, tmp_path):
+    text, unit = RECORDS[name]
+    (tmp_path / name).write_text(text)
+    motion = mpm.read_motion(tmp_path / name, unit=unit)
+    assert np.allclose(motion.acceleration, [STANDARD_GRAVITY * WAVE, 0 * WAVE], rtol=1e-5, atol=1e-6)
+    assert np.isclose(motion.interval, 0.005, rtol=1e-6)
+
+
+def test_what_a_record_states_of_itself_is_kept_to(tmp_path):
+    (tmp_path / "a.AT2").write_text(PEER.format("NPTS= 400, DT= .005 SEC"))
+    with pytest.raises(ValueError, match="has its x in g, and cm/s2 is asked for"):
+        mpm.read_motion(tmp_path / "a.AT2", unit="cm/s2")
+    (tmp_path / "a.AT2").write_text(PEER.format("NPTS= 401, DT= .005 SEC"))
+    with pytest.raises(ValueError, match=r"declares 401 values, each 0\.005 s, and holds 400"):
+        mpm.read_motion(tmp_path / "a.AT2")
+    (tmp_path / "a.VT2").write_text(PEER.format("NPTS= 400, DT= .005 SEC").replace("ACCELERATION", "VELOCITY"))
+    with pytest.raises(ValueError, match="does not say that it has accelerations"):
+        mpm.read_motion(tmp_path / "a.VT2")
+    (tmp_path / "a.csv").write_text(_listed(head="time,velocity"))
+    with pytest.raises(ValueError, match="has columns"):
+        mpm.read_motion(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text("time [ms],x [mm/s2],disp [m]\n0,1000,0\n5,2000,1\n10,3000,2\n")
+    with pytest.warns(UserWarning, match="columns beside time and acceleration are not read: 'disp'"):
+        motion = mpm.read_motion(tmp_path / "a.csv", axes="x")
+    assert np.allclose(motion.acceleration, [[1.0, 2.0, 3.0]])
+    assert np.isclose(motion.interval, 0.005)
 
 
 def motion_of(shape, interval=0.1):
