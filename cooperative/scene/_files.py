@@ -129,7 +129,8 @@ class Files:
             features, projection = read_features(self._path(path), layer or None)
             self._compare(path, projection)
             for each in features:
-                each["points"] = self._from_origin(each["points"], 2)
+                points = np.array(each["points"])
+                each["points"] = (points - shift_of(self.origin, points)).tolist()
             return features
 
         remedy = "give points [[x, y], ...]"

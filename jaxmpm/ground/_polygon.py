@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import product
 
 import numpy as np
 import shapely
+from scipy.ndimage import distance_transform_edt
 
 from foundation.text import shown
+from jaxmpm.ground._raster import Raster
 
 ROUNDING = 1e-6
 """Distance from a wall, over its length, within which an edge lies on it."""
@@ -44,6 +49,34 @@ def check_polygon(polygon: Corners, walls: Sequence[tuple[float, float]]) -> Non
 def in_polygon(polygon: Corners, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Whether points at x and y (m), of any shape, lie in a polygon."""
     return np.asarray(shapely.contains_xy(shapely.Polygon(polygon), x, y))
+
+
+@lru_cache(maxsize=16)
+def filled_beyond(raster: Raster, polygon: tuple[tuple[float, float], ...]) -> Raster:
+    """A raster with the nearest height in each hole that no height within a polygon is interpolated from.
+
+    Args:
+        raster: heights.
+        polygon: corners.
+
+    Returns:
+        Raster.
+    """
+    holes = ~np.isfinite(raster.heights)
+    if not holes.any() or holes.all():
+        return raster
+    squares = holes[:-1, :-1] | holes[1:, :-1] | holes[:-1, 1:] | holes[1:, 1:]
+    i, j = np.nonzero(squares)
+    west, south = raster.corner[0] + i * raster.step, raster.corner[1] + j * raster.step
+    area = shapely.Polygon(polygon)
+    shapely.prepare(area)
+    used = shapely.intersects(area, shapely.box(west, south, west + raster.step, south + raster.step))
+    needed = np.zeros(holes.shape, bool)
+    for across, up in product((0, 1), repeat=2):
+        needed[i[used] + across, j[used] + up] = True
+    nearest = distance_transform_edt(holes, return_distances=False, return_indices=True)
+    filled = np.where(holes & ~needed, raster.heights[tuple(nearest)], raster.heights)
+    return replace(raster, heights=filled)
 
 
 def beyond_edge(

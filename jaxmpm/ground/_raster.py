@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ import numpy as np
 
 from foundation import check, files
 from foundation.extras import extra
+from foundation.table import decoded
 from foundation.text import shown
 
 if TYPE_CHECKING:
@@ -26,14 +28,32 @@ MOST_PROJECTION = 20_000
 SHORTEST_STEP = 0.05
 """Smallest step (m) of a raster whose corner could be in degrees; a smaller one is taken for degrees."""
 
-SQUARE = 1e-9
-"""Largest difference between the steps of a square grid, as a share, from rounding."""
+SQUARE = 0.01
+"""Largest distance, over the step, by which points of a square grid are misplaced from rounding of its steps."""
+
+DEEPEST, HIGHEST = -11_000.0, 9_000.0
+"""Elevations (m) beyond which there is no ground: a number such as -32768 marks a hole."""
+
+CODES = (0.0, -1.0, -99.0, -999.0, -9999.0)
+"""Other numbers by which programs mark holes."""
+
+APART = 50.0
+"""Distance (m) of such a number from all other heights from which on it marks holes."""
+
+STRETCH = 0.02
+"""Largest difference of a metre of a projection from one of the ground, as a share."""
 
 METRES = ("m", "metre", "metres", "meter", "meters", "")
 """Names of metres as the unit of heights in a GeoTIFF."""
 
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """First bytes of a TIFF, and of one of more than 4 GB."""
+
+RADIUS, FLATTENED = 6_378_137.0, 0.00669438
+"""Equatorial radius (m) of the ellipsoid of WGS 84, and its first eccentricity squared."""
+
+ANGLES = ("degree", "degrees", "radian", "grad", "gon", "arc-second", "unity")
+"""Names of units in a projection that are no lengths."""
 
 HEADER = ("ncols", "nrows", "cellsize")
 CORNERS = (("xllcorner", "yllcorner", 0.5), ("xllcenter", "yllcenter", 0.0))
@@ -169,7 +189,8 @@ class Raster:
 def read_raster(path: str | Path) -> Raster:
     """Read heights from an ESRI ASCII grid, or from a GeoTIFF by `rasterio` (extra "terrain").
 
-    NODATA in the file is nan in the raster; a terrain that needs such a height is refused with its position.
+    NODATA in the file is nan in the raster; a terrain that needs such a height is refused with its position. A number
+    that no ground has, or a usual code such as 0 far from all other heights, is taken for NODATA with a warning.
 
     Args:
         path: of the file.
@@ -178,63 +199,116 @@ def read_raster(path: str | Path) -> Raster:
         Raster.
 
     Raises:
-        ValueError: If the file is of another kind or incomplete, steps differ along x and y, or it is in degrees or
-            feet.
+        ValueError: If the file is of another kind or incomplete, steps differ along x and y, or it is in degrees, in
+            feet or in a projection whose metres are none of the ground.
     """
     path = Path(path)
     raster = _geotiff(path) if path.suffix.lower() in (".tif", ".tiff") else _esri(path)
     raster.check(str(path))
-    return raster
+    raster = replace(raster, heights=_without_codes(path, raster.heights))
+    return raster if raster.projection is None else _on_the_ground(str(path), raster)
+
+
+def _without_codes(path: Path, heights: np.ndarray) -> np.ndarray:
+    """Heights with nan in place of numbers that mark holes without the file saying so."""
+    beyond = (heights < DEEPEST) | (heights > HIGHEST)
+    codes = np.unique(heights[beyond])
+    ground = heights[np.isfinite(heights) & ~beyond]
+    if codes.size > 2 or (codes.size and not ground.size):
+        worst = codes[np.argmax(np.abs(codes))]
+        raise ValueError(
+            f"{path} has heights of {worst:g} m, and no ground lies beyond {DEEPEST:g} to {HIGHEST:g} m: give them in "
+            "metres, and say by which number the file marks holes (NODATA)"
+        )
+    for code in CODES:
+        others = ground[ground != code]
+        if not others.size or others.size == ground.size:
+            continue
+        low, high = others.min(), others.max()
+        apart = max(low - code, code - high)
+        if apart > max(APART, 2 * (high - low)):
+            beyond |= heights == code
+            ground, codes = others, np.append(codes, code)
+    if codes.size:
+        named = " and ".join(f"{code:g}" for code in codes)
+        check.warn(
+            f"{path}: {int(beyond.sum())} heights of {named} m are taken for holes, beside ground at {ground.min():g} "
+            f"to {ground.max():g} m: let the file name that number (NODATA), e.g. by gdal_translate -a_nodata"
+        )
+    return np.where(beyond, np.nan, heights)
 
 
 def _esri(path: Path) -> Raster:
     try:
-        words = files.read_given(path, MOST_BYTES).decode("ascii").split()
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no ESRI ASCII grid (byte {error.start}): give one, or a GeoTIFF") from error
+        text = decoded(path, files.read_given(path, MOST_BYTES))
+    except ValueError as error:
+        raise ValueError(f"{error}; an ESRI ASCII grid, or a GeoTIFF (.tif), is needed") from error
+    # Nothing but decimals has a comma there.
+    words = re.sub(r"(?<=\d),(?=\d)", ".", text).split()
     header: dict[str, float] = {}
     at = 0
-    while at + 1 < len(words) and re.fullmatch(r"[A-Za-z_]+", words[at]) and words[at].lower() not in ("nan", "inf"):
+    while (
+        at + 1 < len(words) and re.fullmatch(r"[A-Za-z_]{1,40}", words[at]) and words[at].lower() not in ("nan", "inf")
+    ):
         try:
             header[words[at].lower()] = float(words[at + 1])
         except ValueError as error:
             raise ValueError(f"{path}: {words[at]} is {shown(words[at + 1])}: give a number") from error
         at += 2
-    if {"dx", "dy"} <= header.keys():
-        if header["dx"] != header["dy"]:
-            raise ValueError(
-                f"{path} has steps of {header['dx']:g} and {header['dy']:g} m: resample it to squares, e.g. with "
-                "gdalwarp -tr"
-            )
-        header["cellsize"] = header["dx"]
-    lacks = [key for key in HEADER if key not in header]
+    lacks = [key for key in HEADER if key not in header and not (key == "cellsize" and {"dx", "dy"} <= header.keys())]
     corner = next((keys for keys in CORNERS if header.keys() >= set(keys[:2])), None)
     if lacks or corner is None:
         raise ValueError(
             f"{path} lacks {', '.join([*lacks, *(['xllcorner'] if corner is None else [])])}: is it an ESRI grid?"
         )
-    projection = _beside(path)
     nx, ny = header["ncols"], header["nrows"]
     if not (nx.is_integer() and ny.is_integer() and nx * ny == len(words) - at):
         raise ValueError(f"{path} declares {nx:g} times {ny:g} heights and holds {len(words) - at}: it is damaged")
+    step = _square(path, header.get("dx", header.get("cellsize", 0.0)), header.get("dy"), max(nx, ny))
     try:
         heights = np.array(words[at:], float).reshape(int(ny), int(nx))[::-1].T
     except ValueError as error:
         raise ValueError(f"{path} has an entry that is no number: {shown(str(error))}") from error
-    heights = np.where((heights == header.get("nodata_value", -9999.0)) | ~np.isfinite(heights), np.nan, heights)
+    # Programs print the number of holes with other digits above than below.
+    holes = np.isclose(heights, header.get("nodata_value", -9999.0), rtol=1e-6, atol=0)
+    heights = np.where(holes | ~np.isfinite(heights), np.nan, heights)
     x, y, half = corner
-    step = header["cellsize"]
-    return Raster(np.ascontiguousarray(heights), (header[x] + half * step, header[y] + half * step), step, projection)
+    return Raster(
+        np.ascontiguousarray(heights), (header[x] + half * step, header[y] + half * step), step, _beside(path)
+    )
+
+
+def _square(path: Path, dx: float, dy: float | None, count: float) -> float:
+    """The step of a grid whose steps differ by rounding over a number of points."""
+    if dy is not None and (not dx > 0 or abs(dx - dy) * count > SQUARE * dx):
+        raise ValueError(
+            f"{path} has steps of {dx:.10g} and {dy:.10g} m: resample it to squares, e.g. with gdalwarp -tr"
+        )
+    return dx
 
 
 def _beside(path: Path) -> str | None:
-    """The projection in a file beside a grid, if there is one; ValueError for one in degrees or feet."""
+    """The projection in a file beside a grid, if there is one; ValueError for one that is not in metres."""
     beside = path.with_suffix(".prj")
     if not beside.is_file():
         return None
-    projection = files.read_plain(beside, MOST_PROJECTION).decode("ascii", errors="replace").strip()
-    _refuse_projection(f"{path} ({beside.name})", projection)
-    return projection or None
+    where = f"{path} ({beside.name})"
+    text = decoded(beside, files.read_given(beside, MOST_PROJECTION)).strip()
+    if re.match(r"[A-Za-z_]+\s*\[", text):
+        _refuse_projection(where, text)
+        return text
+    words = dict(re.findall(r"^\s*([A-Za-z]+)[ \t]+(\S+)", text.lower(), re.MULTILINE))
+    if words.get("projection") == "geographic" or words.get("units", "").startswith(("dd", "ds", "deg")):
+        raise ValueError(f"{where} is in degrees: project it to metres first, e.g. with gdalwarp -t_srs")
+    for name in ("units", "zunits"):
+        unit = words.get(name, "no")
+        if "proj" in text.lower() and unit not in ("no", "none", "1", "1.0", *METRES[:-1]):
+            raise ValueError(f"{where} has {name} {shown(unit)}: project it to metres first, e.g. with gdalwarp -t_srs")
+    if text:
+        check.warn(
+            f"{where} is no well-known text (WKT), such as gdalsrsinfo -o wkt gives: exported maps have no projection"
+        )
+    return None
 
 
 def _refuse_projection(where: str, projection: str) -> None:
@@ -242,9 +316,53 @@ def _refuse_projection(where: str, projection: str) -> None:
     text = projection.upper()
     if not re.search(r"PROJCS|PROJCRS|PROJECTEDCRS", text) and re.search(r"GEOGCS|GEOGCRS|GEODCRS", text):
         raise ValueError(f"{where} is in degrees: project it to metres first, e.g. with gdalwarp -t_srs")
-    units = re.findall(r'(?:UNIT|LENGTHUNIT)\["([^"]*)"', text)
+    units = [unit.strip() for unit in re.findall(r'(?:LENGTH|(?<![A-Z]))UNIT\["([^"]*)"', text)]
     if any("FOOT" in unit or "FEET" in unit for unit in units):
         raise ValueError(f"{where} is in feet: project it to metres first, e.g. with gdalwarp -t_srs")
+    others = [unit for unit in units if unit.lower() not in (*METRES, *ANGLES)]
+    if others:
+        raise ValueError(f"{where} is in {shown(others[-1])}: project it to metres first, e.g. with gdalwarp -t_srs")
+
+
+def _on_the_ground(where: str, raster: Raster) -> Raster:
+    """The raster, without a projection that cannot be read.
+
+    Raises ValueError for one whose metres are no metres of the ground where the raster lies. Without rasterio (extra
+    "terrain") that is known of Mercator's projection alone.
+    """
+    projection, (x, y) = raster.projection or "", (sum(ends) / 2 for ends in raster.ends)
+    try:
+        from rasterio.crs import CRS
+        from rasterio.errors import RasterioError
+        from rasterio.warp import transform
+    except ImportError:
+        mercator = re.search(r'"(?:POPULAR VISUALISATION PSEUDO[ -])?MERCATOR', projection.upper().replace("_", " "))
+        scales = [math.cosh(y / RADIUS)] if mercator else []
+    else:
+        half = 500.0
+        points = [x - half, x + half, x, x], [y, y, y - half, y + half]
+        try:
+            # An extension holds parameters of PROJ, some of which name files.
+            crs = CRS.from_wkt(re.sub(r',\s*EXTENSION\["[^"]*","[^"]*"\]', "", projection))
+        except (RasterioError, ValueError):
+            check.warn(f"{where} has a projection that cannot be read, so that exported maps have none")
+            return replace(raster, projection=None)
+        try:
+            east, north = np.radians(transform(crs, CRS.from_epsg(4326), *points))
+        except (RasterioError, ValueError):
+            return raster
+        # Radii of curvature of the ellipsoid of WGS 84, along the meridian and across.
+        part = 1 - FLATTENED * np.sin(north.mean()) ** 2
+        along, across = RADIUS * (1 - FLATTENED) / part**1.5, RADIUS / math.sqrt(part) * math.cos(north.mean())
+        lengths = [math.hypot(across * (east[k + 1] - east[k]), along * (north[k + 1] - north[k])) for k in (0, 2)]
+        scales = [2 * half / length for length in lengths if 0 < length < math.inf]
+    longest = max(scales, key=lambda scale: abs(math.log(scale)), default=1.0)
+    if abs(longest - 1) > STRETCH:
+        raise ValueError(
+            f"{where}: a metre of its projection is {1 / longest:.3g} m of the ground there: project it to metres "
+            "first, e.g. with gdalwarp -t_srs and the EPSG code of a UTM zone"
+        )
+    return raster
 
 
 def _geotiff(path: Path) -> Raster:
@@ -276,16 +394,17 @@ def _heights(path: Path, file: DatasetReader) -> Raster:
     turned = file.transform
     if turned.is_identity:
         raise ValueError(f"{path} has no position: give a GeoTIFF, e.g. by gdal_translate -a_ullr")
-    if turned.b or turned.d or abs(turned.a + turned.e) > SQUARE * abs(turned.a) or turned.a <= 0:
+    if turned.b or turned.d or turned.a <= 0:
         raise ValueError(
-            f"{path} has steps of {turned.a:g} and {-turned.e:g} m, or is turned: resample it to squares, e.g. with "
-            "gdalwarp -tr"
+            f"{path} has steps of {turned.a:.10g} and {-turned.e:.10g} m, or is turned: resample it to squares, e.g. "
+            "with gdalwarp -tr"
         )
+    _square(path, turned.a, -turned.e, max(file.width, file.height))
     projection = None if file.crs is None else file.crs.to_wkt()
     if projection is not None:
         _refuse_projection(str(path), projection)
     unit = file.units[0]
-    if unit is not None and unit.lower() not in METRES:
+    if unit is not None and unit.strip().lower() not in METRES:
         raise ValueError(f"{path} has heights in {shown(unit)}: give them in metres, e.g. with gdal_calc")
     heights = file.read(1, masked=True).astype(float) * file.scales[0] + file.offsets[0]
     filled = heights.filled(np.nan)[::-1].T

@@ -8,11 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from jaxmpm.ground._layer import Layer, check_ends
-from jaxmpm.ground._raster import Raster
+from jaxmpm.ground._raster import DEEPEST, Raster
 from jaxmpm.setup import RESOLVED
-
-DEEPEST = -11_000.0
-"""Lowest elevation (m) of any ground, near that of the deepest ocean: a lower number, such as -32768, marks a hole."""
 
 
 def bottoms(
@@ -93,5 +90,5 @@ def refuse_holes(name: str, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -
     if holes.size:
         raise ValueError(
             f"{name} has {holes.size} holes between the walls, the first at ({x[holes[0]]:g}, {y[holes[0]]:g}) m: fill "
-            "them, e.g. with gdal_fillnodata, or give one that reaches the walls"
+            "them, e.g. with gdal_fillnodata, or give one that reaches the walls, or a polygon or walls without holes"
         )

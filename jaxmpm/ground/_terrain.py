@@ -18,9 +18,9 @@ from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
 from jaxmpm.ground._boxes import SAMPLED, boxes
 from jaxmpm.ground._fill import box_cells, box_grid, nodes_in_plan
 from jaxmpm.ground._layer import Box, Layer
-from jaxmpm.ground._polygon import beyond_edge, check_polygon, in_polygon
+from jaxmpm.ground._polygon import beyond_edge, check_polygon, filled_beyond, in_polygon
 from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, water_raster, water_surface
-from jaxmpm.ground._raster import Raster
+from jaxmpm.ground._raster import CODES, Raster
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
 from jaxmpm.ground._strata import bottoms, refuse_holes, refuse_thin
 from jaxmpm.laws import BaseMotion
@@ -123,8 +123,21 @@ class Terrain:
     @cached_property
     def _ends(self) -> tuple[float, float]:
         """Lowest and highest point of the surface between the walls (m)."""
-        heights = self.surface.cropped(*self.walls).heights
+        heights = self.whole(self.surface).cropped(*self.walls).heights
         return float(np.nanmin(heights)), float(np.nanmax(heights))
+
+    def whole(self, raster: Raster) -> Raster:
+        """A raster of this ground; its holes outside the polygon have the nearest height, on which nothing depends."""
+        if self.polygon is None:
+            return raster
+        return filled_beyond(raster, tuple((float(x), float(y)) for x, y in self.polygon))
+
+    def _whole_layers(self, layers: Sequence[Layer]) -> list[Layer]:
+        """Layers with such boundaries."""
+        return [
+            replace(each, bottom=self.whole(each.bottom)) if isinstance(each.bottom, Raster) else each
+            for each in layers
+        ]
 
     def check(self) -> None:
         """Check the surface and the cuts.
@@ -134,21 +147,22 @@ class Terrain:
         """
         self.surface.check("surface")
         check.finite("base", self.base, "m")
-        part = self.surface.cropped(*self.walls)
+        if self.polygon is not None:
+            check_polygon(self.polygon, self.walls)
+        part = self.whole(self.surface).cropped(*self.walls)
         (x, y), z = part.points(), part.heights.ravel()
         refuse_holes("the surface", z, x, y)
         low = np.argmin(z)
         if z[low] < self.base:
-            raise ValueError(
-                f"the surface at ({x[low]:g}, {y[low]:g}, {z[low]:g}) m lies below the base at {self.base:g} m: lower "
-                "the base"
-            )
+            remedy = "lower the base"
+            if z[low] in CODES:
+                remedy = f"where {z[low]:g} marks a hole, let the file name it (NODATA) and fill it, else {remedy}"
+            at = f"({x[low]:g}, {y[low]:g}, {z[low]:g}) m"
+            raise ValueError(f"the surface at {at} lies below the base at {self.base:g} m: {remedy}")
         if self.cut not in ("fixed", "free"):
             raise ValueError(f"cut = {self.cut!r}: give 'fixed' or 'free'; nothing can roll along a cut through cells")
         if self.depth is not None:
             check.positive("depth", self.depth, "m")
-        if self.polygon is not None:
-            check_polygon(self.polygon, self.walls)
         if self.interface is not None:
             self.interface.check()
         if self.bedrock is not None:
@@ -199,7 +213,7 @@ class Terrain:
 
     def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Height of the surface (m) at x, y (m), nan outside it."""
-        return self.surface.at(x, y)
+        return self.whole(self.surface).at(x, y)
 
     def _clamped(self, x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
         """Points x, y (m), those beyond the walls moved to them."""
@@ -209,7 +223,7 @@ class Terrain:
         """Height of rigid ground (m) at x, y (m) of any shape, as at the walls beyond them: of the bedrock or base."""
         if self.bedrock is None:
             return np.full(np.shape(x), self.base)
-        return self.bedrock.at(*self._clamped(x, y))
+        return self.whole(self.bedrock).at(*self._clamped(x, y))
 
     def lowered(self, depth: float) -> Raster:
         """The surface moved down by `depth` (m)."""
@@ -237,14 +251,15 @@ class Terrain:
         # The centre of a box that the surface cuts may lie in the air, above a layer that has no thickness there.
         z = np.minimum(np.minimum(z, (z - spacing / 2 + surface) / 2), surface - 2 * rounding)
         layer = np.zeros(z.size, int)
-        for bottom in bottoms(self.heights(x, y), layers, x, y, spacing):
+        for bottom in bottoms(self.heights(x, y), self._whole_layers(layers), x, y, spacing):
             layer += below(z, bottom, rounding)
         return layer
 
     def tops(self, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray, most: float = math.inf) -> list[np.ndarray]:
         """Heights (N,) m of the layers' tops and of rigid ground, none below it; no top `most` (m) above the last."""
         surface, floor = self.heights(x, y), self.floor(x, y)
-        return [np.maximum(top, floor) for top in (surface, *bottoms(surface, layers, x, y, most), floor)]
+        boundaries = bottoms(surface, self._whole_layers(layers), x, y, most)
+        return [np.maximum(top, floor) for top in (surface, *boundaries, floor)]
 
     def thicknesses(self, layers: Sequence[Layer]) -> list[Thickness]:
         """Thickness of each layer, and whether it is a weak seam, as `jaxmpm.ground.thicknesses`."""
@@ -322,7 +337,7 @@ def terrain(
     law, order = law_of_layers([material_on(discretisation, each.soil) for each in layers], layer)
     particles, layer = jax.tree.map(lambda leaf: leaf[..., order], (particles, layer))
     (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
-    table = water_raster(water, shape.walls)
+    table = water_raster(shape.whole(water) if isinstance(water, Raster) else water, shape.walls)
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
     density = jnp.asarray(
         weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype

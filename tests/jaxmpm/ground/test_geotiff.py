@@ -71,6 +71,47 @@ def test_a_scene_carries_the_terrain_of_a_geotiff(tmp_path):
     assert (shape.walls, shape.base) == (known.walls, known.base)
 
 
+def test_steps_may_differ_by_rounding(tmp_path):
+    raster = mpm.read_raster(written(tmp_path / "dem.tif", transform=(2.0, 0, 300.0, 0, -2.0000004, 420.0)))
+    assert (raster.step, raster.corner[0]) == (2.0, 301.0)
+    assert raster.corner[1] == pytest.approx(413.0, abs=1e-5)
+    with pytest.raises(ValueError, match=r"has steps of 2 and 2\.01 m: resample"):
+        mpm.read_raster(written(tmp_path / "dem.tif", transform=(2.0, 0, 300.0, 0, -2.01, 420.0)))
+
+
+@pytest.mark.parametrize(
+    ("crs", "at"),
+    [
+        ("EPSG:32633", (500e3, 5.2e6)),  # UTM
+        ("EPSG:28992", (155e3, 463e3)),  # the Netherlands, with the heights of NAP:
+        ("EPSG:7415", (155e3, 463e3)),
+        ("EPSG:3035", (4.3e6, 2.8e6)),  # Europe in equal areas
+        ("EPSG:3857", (1.0e6, 0.1e6)),  # Web Mercator at the equator
+        ("EPSG:2056", (2.6e6, 1.2e6)),  # Switzerland
+    ],
+)
+def test_projections_in_metres_of_the_ground_are_read(crs, at, tmp_path):
+    assert mpm.read_raster(written(tmp_path / "dem.tif", crs=crs, transform=(5.0, 0, at[0], 0, -5.0, at[1]))).projection
+
+
+@pytest.mark.parametrize("reader", ["rasterio", None])
+def test_metres_of_a_map_of_the_world_are_no_metres(reader, tmp_path, monkeypatch):
+    mercator = {"crs": "EPSG:3857", "transform": (5.0, 0, 1e6, 0, -5.0, 5.8e6)}
+    path = written(tmp_path / "dem.tif", **mercator)
+    projection = rasterio.open(path).crs.to_wkt()
+    (tmp_path / "dem.asc").write_text("ncols 2\nnrows 2\nxllcorner 1e6\nyllcorner 5.8e6\ncellsize 5\n1 2\n3 4\n")
+    (tmp_path / "dem.prj").write_text(projection)
+    if reader is None:
+        monkeypatch.setitem(sys.modules, "rasterio.crs", None)
+    with pytest.raises(ValueError, match=r"a metre of its projection is 0\.69\d? m of the ground there: project it"):
+        mpm.read_raster(tmp_path / "dem.asc")
+    if reader is not None:
+        with pytest.raises(ValueError, match=r"a metre of its projection is 0\.69"):
+            mpm.read_raster(path)
+    (tmp_path / "dem.prj").write_text(rasterio.crs.CRS.from_epsg(32633).to_wkt())
+    assert mpm.read_raster(tmp_path / "dem.asc").projection
+
+
 REFUSED = [
     ({"crs": "EPSG:4326", "transform": (8e-4, 0, 12.0, 0, -8e-4, 47.0)}, "is in degrees: project it to metres first"),
     ({"crs": "EPSG:2225"}, "is in feet: project it to metres first"),

@@ -112,8 +112,68 @@ BAD_FILES = [
     (HEADER.replace("cellsize 5", "cellsize 0.0008") + "1 2 3\n4 5 6\n", None, "look like degrees: project it"),
     (HEADER + "1 2 3\n4 5 6\n", 'GEOGCS["WGS 84",UNIT["degree",0.0174]]', "dem.prj. is in degrees: project it"),
     (HEADER + "1 2 3\n4 5 6\n", 'PROJCS["NAD83",UNIT["Foot_US",0.3048]]', "dem.prj. is in feet: project it"),
-    ("\x89PNG", None, "is no ESRI ASCII grid"),
+    (HEADER + "1 2 3\n4 5 6\n", "Projection GEOGRAPHIC\nUnits DD\n", "dem.prj. is in degrees: project it"),
+    (HEADER + "1 2 3\n4 5 6\n", "Projection STATEPLANE\nZunits FEET\nUnits METERS\n", "dem.prj. has zunits 'feet'"),
+    (HEADER + "1 2 3\n4 5 6\n", "Projection STATEPLANE\nUnits FEET\n", "dem.prj. has units 'feet'"),
+    (HEADER + "1 2 3\n4 5 6\n", 'PROJCS["a",UNIT["Kilometer",1000.0]]', "is in 'KILOMETER': project it"),
+    (
+        HEADER + "130000 131000 132000\n130000 133000 134000\n",
+        None,
+        "has heights of 134000 m, and no ground lies beyond",
+    ),
+    (HEADER + "-99999 1e20 9999\n1 2 3\n", None, "has heights of 1e.20 m"),
+    ("\x89PNG", None, "is it an ESRI grid"),
 ]
+
+
+TAKEN = HEADER + "101 102 103\n104 105 -9999\n"
+FORMS = {
+    "decimal commas": TAKEN.replace("cellsize 5", "cellsize 5,00").replace("101", "101,0").replace("10\n", "10,00\n"),
+    "capitals": TAKEN.replace("ncols", "NCOLS").replace("cellsize", "CELLSIZE"),
+    "centres": TAKEN.replace("xllcorner 10", "xllcenter 12,5").replace("yllcorner 20", "yllcenter 22.5"),
+    "another number of holes": TAKEN.replace("-9999\n1", "-3.40282346638529e+38\n1").replace(
+        "-9999\n", "-3.4028235e+38\n"
+    ),
+    "no number of holes": TAKEN.replace("NODATA_value -9999\n", "").replace("-9999", "nan"),
+    "steps that differ by rounding": TAKEN.replace("cellsize 5", "dx 5.0\ndy 5.0000004"),
+}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("form", FORMS)
+def test_one_grid_in_any_form_is_one_raster(form, encoding, tmp_path):
+    (tmp_path / "dem.asc").write_bytes(FORMS[form].replace("\n", "\r\n").encode(encoding))
+    raster = mpm.read_raster(tmp_path / "dem.asc")
+    assert (raster.corner, raster.step) == ((12.5, 22.5), 5.0)
+    assert np.array_equal(raster.heights, [[104, 101], [105, 102], [np.nan, 103]], equal_nan=True)
+
+
+@pytest.mark.parametrize("code", ["-32767", "-32768", "-3.4028235e+38", "32767", "1e+20", "0", "-99", "-9999", "9999"])
+def test_a_number_that_no_ground_has_is_a_hole_and_named(code, tmp_path):
+    text = TAKEN.replace("NODATA_value -9999", "NODATA_value -1234").replace("-9999", code)
+    with pytest.warns(UserWarning, match=r"1 heights of .* m are taken for holes, beside ground at 101 to 105 m"):
+        raster = mpm.read_raster(written(tmp_path, text))
+    assert np.array_equal(raster.heights, [[104, 101], [105, 102], [np.nan, 103]], equal_nan=True)
+
+
+@pytest.mark.parametrize("heights", ["0 1 2\n3 4 5\n", "0 0 20\n20 22 25\n", "-1 -99 60\n0 0 0\n", "0 0 0\n0 0 0\n"])
+@pytest.mark.filterwarnings("error")
+def test_ground_near_sea_level_has_no_holes(heights, tmp_path):
+    assert np.isfinite(mpm.read_raster(written(tmp_path, HEADER + heights)).heights).all()
+
+
+def test_a_surface_at_a_code_below_the_base_may_be_a_hole(tmp_path):
+    low = mpm.read_raster(written(tmp_path, HEADER + "0 40 30\n0 30 20\n"))
+    with pytest.raises(
+        ValueError, match=r"where 0 marks a hole, let the file name it \(NODATA\) and fill it, else lower"
+    ):
+        mpm.Terrain(low, base=10.0).check()
+
+
+@pytest.mark.parametrize("text", ["Projection UTM\nZone 32\nZunits NO\nUnits METERS\n", "EPSG:32632", 'PROJCS["cut'])
+def test_a_projection_that_is_no_text_of_gis_is_left_out_and_named(text, tmp_path):
+    with pytest.warns(UserWarning, match="exported maps have"):
+        assert mpm.read_raster(written(tmp_path, HEADER + "1 2 3\n4 5 6\n", text)).projection is None
 
 
 @pytest.mark.parametrize(("text", "projection", "message"), BAD_FILES, ids=[message[:24] for *_, message in BAD_FILES])

@@ -41,6 +41,45 @@ def test_a_polygon_keeps_what_lies_in_it():
     assert (held == held[:, :, :1]).all()
 
 
+@pytest.mark.parametrize("cut", ["fixed", "free"])
+def test_holes_outside_the_polygon_change_nothing(cut):
+    x, y = np.meshgrid(np.arange(0, 17.0), np.arange(0, 9.0), indexing="ij")
+    plane = mpm.Raster(9.0 - 0.25 * x, (0.0, 0.0), 1.0)
+    polygon = ((2.0, 2.0), (14.0, 2.0), (14.0, 6.0), (2.0, 6.0))
+    away = (x < 1) | (x > 15) | (y < 1) | (y > 7)
+    holed = mpm.Raster(np.where(away, np.nan, plane.heights), plane.corner, 1.0)
+    rock, dry = (mpm.Raster(each.heights - low, (0.0, 0.0), 1.0) for each, low in ((holed, 4.0), (holed, 3.0)))
+    numerics = mpm.Discretisation(1.0, (0.5, 0.5, 0.5))
+    clays = [mpm.Layer(CLAY, bottom=dry), mpm.Layer(mpm.Soil(strength=50e3, young=2e7))]
+    holes, whole = (
+        mpm.terrain(
+            mpm.Terrain(surface, 0.0, polygon=polygon, cut=cut, bedrock=filled(rock)),
+            [mpm.Layer(CLAY, bottom=filled(dry)), clays[1]],
+            numerics,
+            water=filled(dry),
+            at_rest=False,
+        )
+        for surface, filled in (
+            (holed, lambda r: r),
+            (plane, lambda r: mpm.Raster(plane.heights - (4.0 if r is rock else 3.0), (0.0, 0.0), 1.0)),
+        )
+    )
+    assert np.array_equal(holes[0].particles.position, whole[0].particles.position)
+    assert np.allclose(holes[0].particles.volume, whole[0].particles.volume, rtol=1e-6)
+    assert np.allclose(holes[0].particles.mass, whole[0].particles.mass, rtol=1e-6)
+    if cut == "fixed":
+        assert np.array_equal(holes[0].cut, whole[0].cut)
+
+
+@pytest.mark.parametrize("at", [(8, 4), (2, 4), (14, 6)])
+def test_holes_that_the_polygon_needs_are_refused(at):
+    heights = PLANE.heights.copy()
+    heights[at[0] // 4, at[1] // 4] = np.nan
+    shape = mpm.Terrain(mpm.Raster(heights, (0.0, 0.0), 4.0), 0.0, polygon=((2, 2), (14, 2), (14, 6), (2, 6)))
+    with pytest.raises(ValueError, match=r"the surface has 1 holes between the walls"):
+        shape.check()
+
+
 def test_a_depth_keeps_what_lies_above_it():
     shape, scene, _ = built(depth=3.0)
     x, _, z = np.asarray(scene.particles.position, float)
