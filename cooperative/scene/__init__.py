@@ -13,6 +13,7 @@ from cooperative.scene._measured import (
     write_measured,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
+from cooperative.scene._region import national_origin
 from cooperative.scene._remarks import remarks
 from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
@@ -71,6 +72,7 @@ __all__ = [
     "markdown",
     "measure",
     "measure_limit_load",
+    "national_origin",
     "parse",
     "read",
     "read_scene",

@@ -47,18 +47,28 @@ def shift_of(origin: Sequence[float], points: np.ndarray) -> np.ndarray:
     )
 
 
+def national_origin(surface: Raster) -> tuple[float, float] | None:
+    """A round origin near the corner of a surface in a national grid, None for one that needs none.
+
+    Args:
+        surface: as its file has it.
+    """
+    west, south = (float(floor(low / 100) * 100) for low, _ in surface.ends)
+    return (west, south) if max(abs(west), abs(south)) > FARTHEST else None
+
+
 def ask_for_origin(surface: Raster) -> None:
     """Raise ValueError for a surface in a national grid, whose coordinates single precision does not resolve.
 
     Args:
         surface: as its file has it.
     """
-    west, south = (floor(low / 100) * 100 for low, _ in surface.ends)
-    if max(abs(west), abs(south)) > FARTHEST:
+    origin = national_origin(surface)
+    if origin is not None:
         raise ValueError(
             f"[terrain] surface begins at x = {surface.ends[0][0]:.10g} m and y = {surface.ends[1][0]:.10g} m, in a "
-            f"national grid: add origin = [{west:.1f}, {south:.1f}], which is subtracted; walls, lines and elements at "
-            "risk are then counted from it"
+            f"national grid: add origin = {list(origin)}, which is subtracted from it and from other files; walls and "
+            f"other numbers of the scene are then counted from it"
         )
 
 

@@ -6,11 +6,13 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from cooperative.scene import national_origin
 from cooperative.scene.tables import CORRELATIONS
 from cooperative.site._assumed import Assumed
 from cooperative.site._estimate import estimate_site
 from cooperative.site._write import words, write_site
 from cooperative.soundings import SiteError
+from jaxmpm import read_raster
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--water", type=float, default=1.0, metavar="M", help="depth of the water table (%(default)g)")
     parser.add_argument("--line", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="of a section")
     parser.add_argument(
-        "--origin", type=float, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"), help="to subtract in 3D"
+        "--origin",
+        type=float,
+        nargs=2,
+        metavar=("X", "Y"),
+        help="to subtract in 3D (with --surface in a national grid a round corner of it, else 0 0)",
     )
     parser.add_argument(
         "--surface", type=Path, metavar="RASTER", help="heights of the ground, for a whole scene: ASCII grid or GeoTIFF"
@@ -59,9 +65,12 @@ def answer(given: argparse.Namespace) -> list[str]:
     """
     units = dict(each.partition("=")[::2] for each in given.units)
     line = None if given.line is None else (tuple(given.line[:2]), tuple(given.line[2:]))
+    origin = given.origin
+    if origin is None and given.surface is not None and line is None:
+        origin = national_origin(read_raster(given.surface))
     assumed = Assumed(
         cone_factor(given.n_kt), given.unit_weight, given.water, given.marginal, given.correlation, line,
-        tuple(given.origin), given.base,
+        tuple(origin or (0.0, 0.0)), given.base,
     )  # fmt: skip
     site = estimate_site(given.files, assumed, boundaries=given.layers, units=units)
     return [words(site), *map(str, write_site(site, given.out, given.surface))]

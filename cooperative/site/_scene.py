@@ -72,11 +72,12 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
     yield "[terrain]"
     inside = Path(os.path.relpath(os.path.realpath(surface), os.path.realpath(folder)))
     yield f"surface = {toml_value(surface.name if '..' in inside.parts else inside.as_posix())}"
-    yield f"base = {base:g}    # m, where the soil is taken to be rigid"
+    yield f"base = {base:.6g}    # m, where the soil is taken to be rigid"
     for axis, (low, high) in zip("xy", ends, strict=True):
-        yield f"{axis} = [{low:g}, {low + math.floor((high - low) / (2 * cell) + 1e-9) * 2 * cell:g}]"
+        far = low + math.floor((high - low) / (2 * cell) + 1e-9) * 2 * cell
+        yield f"{axis} = [{low:.10g}, {far:.10g}]"
     if any(origin):
-        yield f"origin = [{origin[0]:g}, {origin[1]:g}]"
+        yield f"origin = [{origin[0]:.10g}, {origin[1]:.10g}]    # subtracted from the coordinates of the files"
     yield ""
     yield "[hazard]    # maps of thickness, speed and arrival"
     for grid, size in (("rough", 2 * cell), ("refined", cell)):

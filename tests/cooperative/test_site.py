@@ -231,6 +231,34 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
         write_site(above, tmp_path / "above", raster)
 
 
+def test_the_walk_runs_as_written_on_files_in_a_national_grid(tmp_path):
+    """The origin is that which the scene would ask for, and the files that `site` writes are counted from it."""
+    west, south = 2_600_155.5, 1_200_463.25
+    heights = "\n".join(" ".join(f"{max(4 - 0.25 * k, 1):g}" for k in range(17)) for _ in range(9))
+    head = f"ncols 17\nnrows 9\nxllcorner {west}\nyllcorner {south}\ncellsize 2\n"
+    raster = _csv(tmp_path / "hill.asc", f"{head}{heights}\n")
+    random = np.random.default_rng(5)
+    rows = [
+        f"{west + x},{south + 8},3,{0.4 * k:g},{20 * np.exp(0.2 * random.standard_normal()):.2f}"
+        for x in (6, 20)
+        for k in range(12)
+    ]
+    lab = _csv(tmp_path / "lab.csv", "x [m],y [m],top [m],depth [m],su [kPa]\n" + "\n".join(rows))
+    given = ["site", lab, "--surface", raster, "--out", tmp_path / "site", "--base", "-2", "--layers"]
+    assert main([*map(str, given)]) in (0, None)
+    campaign = parse(tmp_path / "site" / "scene.toml")
+    assert campaign.site.origin == (2_600_100.0, 1_200_400.0)
+    assert campaign.site.shape.walls == ((56.5, 88.5), (64.25, 80.25))
+    (layer,) = campaign.site.layers
+    assert {round(x, 3) for x, *_ in layer.random["strength"].boreholes} == {61.5, 75.5}
+    # Values in the coordinates of the projection are counted from the origin too.
+    values = next((tmp_path / "site").glob("*strength.csv"))
+    shifted = [line.split(",") for line in values.read_text().splitlines()]
+    far = [[f"{float(x) + 2_600_100:.3f}", f"{float(y) + 1_200_400:.3f}", *rest] for x, y, *rest in shifted[1:]]
+    values.write_text("\n".join(",".join(row) for row in [shifted[0], *far]) + "\n")
+    assert parse(tmp_path / "site" / "scene.toml").site.layers == campaign.site.layers
+
+
 def test_what_is_not_used_of_a_file_is_stated(tmp_path):
     """Columns, values and readings that nothing rests on, each with its reason; no length to sweep stands twice."""
     depths = 0.2 * np.arange(1, 16)
