@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeVar
@@ -165,12 +166,12 @@ class RandomField:
                     f"{where} boreholes hold {list(row)}: give {len(self.length) + 1} numbers, the position and the "
                     "value"
                 )
-        points = [row[:-1] for row in self.boreholes or ()]
-        twice = [point for point in points if points.count(point) > 1]
-        if twice and not self.borehole_error:
+        points = Counter(row[:-1] for row in self.boreholes or ())
+        at, most = points.most_common(1)[0] if points else ((), 0)
+        if most > 1 and not self.borehole_error:
             raise ValueError(
-                f"{where} boreholes hold {points.count(twice[0])} values at {list(twice[0])} m and no error: give "
-                "borehole_error, or one value there"
+                f"{where} boreholes hold {most} values at {list(at)} m and no error: give borehole_error, or one value "
+                "there"
             )
 
     def _check_errors(self, where: str) -> None:

@@ -159,7 +159,7 @@ class Files:
             try:
                 self.known[name] = read()
             except ValueError as error:
-                raise ValueError(f": {error}") from error
+                raise ValueError(f": {error}{_of_backslash(name)}") from error
         content = self.known.get(name)
         if not isinstance(content, kind):
             raise _not_read(name, remedy)
@@ -190,6 +190,13 @@ class Files:
             if remark := refuse_another(name, projection, first, there):
                 check.warn(remark)
         self.projections.setdefault(name, projection)
+
+
+def _of_backslash(name: str) -> str:
+    """The end of a message about a file whose name has a backslash, or what TOML makes of one."""
+    if "\\" not in name and name.isprintable():
+        return ""
+    return "; its name has a backslash, or a special character that one gave: write folders of a path with / in between"
 
 
 def _not_read(name: str, remedy: str) -> ValueError:

@@ -24,6 +24,7 @@ from cooperative.scene._site import Site, Water
 from cooperative.scene._soil import soils_of
 from cooperative.scene._varied import variants_of
 from cooperative.store import Source, table_of
+from foundation.table import decoded
 from foundation.text import short
 from jaxmpm import (
     Discretisation,
@@ -137,7 +138,7 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
     if path.stat().st_size > LARGEST:
         raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = _text_of(path)
         source = Source(text)
         if "files" in source.tables:
             return source
@@ -145,11 +146,24 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
         scene = tables.read(tables.Scene, source.tables, files=files)
         for variant in variants_of(source.tables):
             tables.read(tables.Scene, variant.tables, files=files)  # it may name files of its own
-    except UnicodeDecodeError as error:
-        raise ValueError(f"scene {path} is no text in UTF-8 (byte {error.start}): give a scene in TOML") from error
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
+
+
+def _text_of(path: Path) -> str:
+    """The text of a scene, in UTF-8 as TOML is, or in an encoding that its first bytes state."""
+    data = path.read_bytes()
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return decoded(path, data)
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ValueError(
+            f"scene {path} is no text in UTF-8 (byte {error.start}, in line {line}): give a scene in TOML, saved with "
+            "the encoding UTF-8"
+        ) from error
 
 
 def _origin(scene: Mapping[str, object]) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -113,7 +114,7 @@ def _tables_of(text: str) -> dict[str, object]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"the scene is not valid TOML: {error}") from error
+        raise ValueError(f"the scene is not valid TOML: {error}{_of_backslash(text, str(error))}") from error
     except RecursionError as error:
         raise ValueError("the scene nests tables or lists without end: a scene has tables of plain values") from error
 
@@ -145,6 +146,15 @@ def check_bounds(where: str, tables: Mapping[str, object]) -> None:
                 f"{where} has values whose keys together have more than {MOST_SPELLED} characters: give fewer values, "
                 "or shorter names of tables and files"
             )
+
+
+def _of_backslash(text: str, error: str) -> str:
+    """The end of a message about a line that has a backslash in double quotes, such as a path of Windows."""
+    at = re.search(r"at line (\d+)", error)
+    line = "" if at is None else text.split("\n")[int(at[1]) - 1 : int(at[1])]
+    if not (line and re.search(r'"[^"]*\\', line[0])):
+        return ""
+    return "; a backslash in double quotes begins a special character: write folders of a path with / in between"
 
 
 def table_of(tables: Mapping[str, object], name: str) -> Mapping[str, object]:

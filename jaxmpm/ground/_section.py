@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Literal
 
@@ -81,6 +81,10 @@ class Section:
         Raises:
             ValueError: If the surface is invalid, does not reach the walls or goes below the base.
         """
+        return self._outline
+
+    @cached_property
+    def _outline(self) -> Outline:
         points = points_of("surface", self.surface)
         left, right = points[[0, -1], 0] if self.walls is None else self.walls
         check.finite("walls", (left, right), "m")

@@ -141,16 +141,19 @@ def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> C
     require(noise.shape in ((), values.shape), f"error of shape {noise.shape} for {values.size} data: give one each")
     noise = np.broadcast_to(noise, values.shape)
     check.not_negative("error", noise, remedy="it is a standard deviation in scores")
-    count = len(values)
-    kernel = modes @ modes.T + np.diag(noise**2)
-    shares, directions = np.linalg.eigh(kernel)
+    parts = (_many if len(values) > modes.shape[1] else _few)(modes, values, noise, np.finfo(real).eps)
+    return Conditioning(*(jnp.asarray(part, real) for part in parts))
+
+
+Parts: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Fields of a `Conditioning` on the host."""
+
+
+def _few(modes: np.ndarray, values: np.ndarray, noise: np.ndarray, epsilon: float) -> Parts:
+    """By the covariance of the data (n, n), of which there are no more than modes."""
+    shares, directions = np.linalg.eigh(modes @ modes.T + np.diag(noise**2))
     # Field values are only as exact as the dtype of the modes.
-    limit = 100 * np.finfo(real).eps * shares[-1]
-    require(
-        shares[0] > limit,
-        f"{count} data on {modes.shape[1]} modes cannot be distinguished (smallest eigenvalue {shares[0]:.1e}, limit "
-        f"{limit:.1e}): give an error, keep more modes, use float64 or thin the data",
-    )
+    _distinguished(modes, shares[0], 100 * epsilon * shares[-1])
     # I - A^T K^-1 A = I - W W^T with W = A^T K^(-1/2), whose singular values lie in [0, 1].
     gain = modes.T @ (directions / np.sqrt(shares))
     removed, turns = np.linalg.eigh(gain.T @ gain)
@@ -158,8 +161,30 @@ def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> C
     basis = gain @ (turns[:, constrained] / np.sqrt(removed[constrained]))
     shrink = 1 - np.sqrt(np.maximum(1 - removed[constrained], 0))
     of_scores = modes.T @ ((directions / shares) @ directions.T)
-    parts = (of_scores @ values, basis, shrink, of_scores)
-    return Conditioning(*(jnp.asarray(part, real) for part in parts))
+    return of_scores @ values, basis, shrink, of_scores
+
+
+def _many(modes: np.ndarray, values: np.ndarray, noise: np.ndarray, epsilon: float) -> Parts:
+    """By the precision of the coefficients (M, M): the same where there are more data than modes."""
+    # Beside an error, rounding of the modes acts by its square: what is known before bounds its effect along directions
+    # that the data hardly constrain.
+    largest = float(np.linalg.eigvalsh(modes.T @ modes)[-1])
+    _distinguished(modes, float(noise.min() ** 2), (100 * epsilon) ** 2 * largest)
+    white = modes / noise[:, None]
+    known, directions = np.linalg.eigh(white.T @ white)
+    known = np.maximum(known, 0)
+    constrained = known > _NOTHING
+    of_scores = (directions / (1 + known)) @ directions.T @ (white / noise[:, None]).T
+    return of_scores @ values, directions[:, constrained], 1 - 1 / np.sqrt(1 + known[constrained]), of_scores
+
+
+def _distinguished(modes: np.ndarray, least: float, limit: float) -> None:
+    """Raise ValueError for data whose covariance has a least eigenvalue of rounding alone."""
+    require(
+        least > limit,
+        f"{modes.shape[0]} data on {modes.shape[1]} modes cannot be distinguished (smallest eigenvalue {least:.1e}, "
+        f"limit {limit:.1e}): give a larger error, keep more modes, use float64 or thin the data",
+    )
 
 
 def conditioned(conditioning: Conditioning, coefficients: ArrayLike) -> Array:

@@ -88,3 +88,19 @@ def test_a_thousand_data(precision, modes, error):
         assert float(jnp.abs(misfit).max()) < (6 * error if error else 1e-6)
         variance = kl.field.kriging_variance(conditioning, expansion, points)
         assert float(variance.max()) < 1.1 * error**2 + 1e-6
+
+
+@pytest.mark.parametrize("count", [5, 60])
+def test_many_data_in_single_precision_give_the_kriged_coefficients(count):
+    """The kernel of the data has a rank below their number."""
+    expansion = kl.expand(COVARIANCE, *BOX, energy=0.93)
+    points, values = boreholes(count)
+    assert len(values) > expansion.modes
+    noise = np.linspace(0.1, 0.4, len(values))
+    conditioning = kl.condition(expansion, jnp.asarray(points, jnp.float32), values, error=noise)
+    modes = np.asarray(kl.field.mode_matrix(expansion, jnp.asarray(points, jnp.float32)), float)
+    gain = np.linalg.solve(modes @ modes.T + np.diag(noise**2), modes).T
+    np.testing.assert_allclose(conditioning.mean, gain @ values, atol=2e-4)
+    np.testing.assert_allclose(conditioning.gain, gain, atol=2e-4)
+    root = kl.conditioned(conditioning, jnp.eye(expansion.modes)) - conditioning.mean
+    np.testing.assert_allclose(root.T @ root, np.eye(expansion.modes) - gain @ modes, atol=1e-4)

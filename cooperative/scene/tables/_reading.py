@@ -119,13 +119,15 @@ def _faults(table: type[Keyed], values: object, where: str, errors: Iterable[Err
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
     wrong: dict[tuple[str, ...], str] = {}
+    of_scene = False
     for error in errors:
         kind, location = error["type"], error["loc"]
         if kind in UNKNOWN:
             entry = _entry_at(table, values, where, location[:-1])
-            # The nearest key takes milliseconds, and a message names the first faults alone.
-            meant = _suggestion(str(location[-1]), entry.inner) if len(unknown) < MOST else ""
-            unknown.append(f"{entry.section} has an unknown key {shown(location[-1])}{meant}")
+            of_scene |= not entry.whole
+            # What no message names needs no words.
+            likely = _suggestion(str(location[-1]), entry.inner) if len(unknown) < MOST else ""
+            unknown.append(f"{entry.section} has an unknown key {shown(location[-1])}{likely}")
         elif kind == "missing" and isinstance(location[-1], str):
             entry = _entry_at(table, values, where, location[:-1])
             name = location[-1] if entry.whole else f"[{location[-1]}]"
@@ -134,7 +136,7 @@ def _faults(table: type[Keyed], values: object, where: str, errors: Iterable[Err
             entry = _entry_at(table, values, where, location)
             if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
                 wrong[*entry.path, entry.key] = _wrong(entry, error)
-    if any(each.startswith("the scene") for each in unknown):
+    if of_scene:
         lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
     lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
     return [*unknown, *lacks, *wrong.values()]

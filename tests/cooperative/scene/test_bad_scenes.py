@@ -10,6 +10,7 @@ from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
 from cooperative.scene import SEVERAL, TABLES, parse, read_scene
+from cooperative.scene.tables import _reading
 from cooperative.store import open_store, read_store
 from tests.cooperative.campaign.test_campaign import SCENES, TINY
 
@@ -83,7 +84,8 @@ def with_value(section, key, value):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"\x89PNG\r\n\x1a\n\x00\xff", r"scene .*scene.toml is no text in UTF-8 \(byte 0\)"),
+        (b"\x89PNG\r\n\x1a\n\x00\xff", r"scene .*scene.toml is no text in UTF-8 \(byte 0, in line 1\)"),
+        ('name = "a"\n# B\u00f6schung'.encode("latin-1"), r"\(byte 14, in line 2\).* saved with the encoding UTF-8"),
         (None, "there is no scene "),
         (b"a" * 1_000_001, "has 1000001 bytes, the limit is 1000000"),
     ],
@@ -102,6 +104,49 @@ def test_files_that_are_no_scene_are_named(content, message, tmp_path, capsys):
         assert printed.count("\n") == 1
     with pytest.raises(ValueError, match="is no file"):
         read_scene(tmp_path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["unix", "windows", "mac"])
+def test_a_scene_is_read_in_the_encoding_that_it_states(encoding, end, tmp_path):
+    path = tmp_path / "scene.toml"
+    named = "# B\u00f6schung\n" + TINY
+    path.write_bytes(named.replace("\n", end).encode(encoding))
+    assert read_scene(path).text == named
+
+
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        (r'"my data\terrain.csv"', "cannot be read .*; its name has a backslash, or a special character that one gave"),
+        (r'"C:\Users\me\terrain.csv"', r"not valid TOML: .*; a backslash in double quotes begins a special character"),
+        (r"'my data\terrain.csv'", "its name has a backslash"),
+    ],
+)
+def test_a_path_of_windows_is_named_by_its_backslash(value, why, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(f"[ground]\nsurface = {value}\n")
+    with pytest.raises(ValueError, match=f"{why}.*write folders of a path with / in between"):
+        read_scene(path)
+
+
+def test_a_file_that_cannot_be_read_for_another_reason_has_no_backslash(tmp_path):
+    path = tmp_path / "scene.toml"
+    for text in ('[ground]\nsurface = "my data/none.csv"\n', "[ground]\nsurface = \n"):
+        path.write_text(text)
+        with pytest.raises(ValueError) as refused:  # noqa: PT011 the text is looked at below
+            read_scene(path)
+        assert "backslash" not in str(refused.value)
+
+
+def test_of_many_unknown_keys_the_first_are_explained(monkeypatch):
+    asked = []
+    words = _reading._suggestion
+    monkeypatch.setattr(_reading, "_suggestion", lambda *given: asked.append(given) or words(*given))
+    many = TINY.replace("[soil]", "[soil]\n" + "\n".join(f"kez{k} = 1" for k in range(3000)))
+    with pytest.raises(ValueError, match=r"unknown key 'kez0'.*unknown key 'kez7'.*; and 2992 more$"):
+        parse(many)
+    assert len(asked) == 8
 
 
 def test_a_byte_order_mark_at_the_head_of_a_file_is_no_part_of_the_scene(tmp_path):
