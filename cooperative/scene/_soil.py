@@ -50,7 +50,7 @@ def _in_scene(soil: tables.Soil, strength: tables.Varying | None) -> Label:
 
 
 def soils_of(
-    scene: tables.Scene, *, height: float, span: Span
+    scene: tables.Scene, *, height: float, span: Span, downhill: int
 ) -> tuple[Soil | FrictionalSoil | None, Mapping[str, RandomField], tuple[SiteLayer, ...]]:
     """The soil of a scene with what varies in it, and the layers that the scene draws.
 
@@ -61,6 +61,7 @@ def soils_of(
         scene: its tables.
         height: of the slope (m).
         span: elevations of the ground (m).
+        downhill: direction along x in which the ground falls, 1 or -1.
 
     Raises:
         ValueError: soil and layers that will not do.
@@ -74,12 +75,14 @@ def soils_of(
     soil, random = None, cast(Mapping[str, RandomField], {})
     if scene.soil is not None and not (scene.layer and _kind(_of_scene(scene)) is None):
         table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})
-        soil, random = _soil_of(table, _in_scene(scene.soil, scene.strength), height=height, span=span)
+        soil, random = _soil_of(
+            table, _in_scene(scene.soil, scene.strength), height=height, span=span, downhill=downhill
+        )
     layers = []
     for number, table in enumerate(scene.layer, 1):
         where = f"layer {number}" if table.name is None else f"layer {shown(table.name)}"
         try:
-            own, varies, stops = _soil_of_layer(scene, table, random, height=height, span=span)
+            own, varies, stops = _soil_of_layer(scene, table, random, height=height, span=span, downhill=downhill)
         except ValueError as error:
             raise ValueError(f"[{where}]: {error}") from error
         bottom = cast(Raster | None, table.raster) if table.bottom is None else table.bottom
@@ -89,7 +92,7 @@ def soils_of(
 
 
 def _soil_of(
-    table: tables.Soil, label: Label, *, height: float, span: Span, home: str = "[soil]"
+    table: tables.Soil, label: Label, *, height: float, span: Span, downhill: int, home: str = "[soil]"
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
@@ -102,7 +105,7 @@ def _soil_of(
     _check_kind(values, table.model_fields_set, label, home)
     for name, value in table:
         if isinstance(value, tables.Varying):
-            random[name] = _field(value)
+            random[name] = _field(value, downhill)
             if not unusual:
                 ask_of_field(label(name), name, random[name], home)
             random[name].check(label(name), LIMITS[name], span)
@@ -121,7 +124,13 @@ def _soil_of(
 
 
 def _soil_of_layer(
-    scene: tables.Scene, layer: tables.Layer, random: Mapping[str, RandomField], *, height: float, span: Span
+    scene: tables.Scene,
+    layer: tables.Layer,
+    random: Mapping[str, RandomField],
+    *,
+    height: float,
+    span: Span,
+    downhill: int,
 ) -> tuple[Soil | FrictionalSoil, Mapping[str, RandomField], tuple[str, ...]]:
     """A layer's soil, the fields of what varies in it, and the parameters whose field stops at it.
 
@@ -156,7 +165,12 @@ def _soil_of_layer(
         return _rock(soil, height), {}, ()
     above = _in_scene(soil if scene.soil is None else scene.soil, scene.strength)
     own_soil, varying = _soil_of(
-        soil, lambda name: name if name in own else above(name), height=height, span=span, home="the layer"
+        soil,
+        lambda name: name if name in own else above(name),
+        height=height,
+        span=span,
+        downhill=downhill,
+        home="the layer",
     )
     for name, field in varying.items():
         if name not in random:
@@ -258,8 +272,11 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
             raise ValueError(f"{label(name)} has no effect in {kind}: leave it out")
 
 
-def _field(table: tables.Varying) -> RandomField:
-    bedding = None if table.bedding is None else kl.Bedding(**dict(table.bedding))
+def _field(table: tables.Varying, downhill: int) -> RandomField:
+    bedding = table.bedding
+    if bedding is not None:
+        towards = {1: 90.0, -1: 270.0}[downhill]
+        bedding = kl.Bedding(bedding.dip, towards if bedding.strike is None else bedding.strike)
     return RandomField(**{**dict(table), "bedding": bedding})
 
 

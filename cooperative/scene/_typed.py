@@ -71,7 +71,9 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if not scene.unusual:
         where = next(name for name in tables.SITES if getattr(scene, name) is not None)
         ask_of_ground(where, ground.shape, scene.run.failure_displacement)
-    whole, through, layers = soils_of(scene, height=ground.height, span=ground.span)
+    whole, through, layers = soils_of(
+        scene, height=ground.height, span=ground.span, downhill=getattr(ground.shape, "downhill", 1)
+    )
     level = None if scene.water is None else scene.water.level
     site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)
     soil, random = site.representative(whole), site.all_random(through)

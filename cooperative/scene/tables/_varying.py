@@ -71,7 +71,10 @@ class Bedding(Table):
     """Inclined strata."""
 
     dip: Annotated[float, Within(Limit(least=0, most=90, unit="degrees"))] = key("Dip below the horizontal.", 15.0)
-    strike: Degrees = key("Strike, anticlockwise from x seen from above.", 90.0, 90.0)
+    strike: Degrees | None = key(
+        "Strike, anticlockwise from x seen from above.", 90.0, None,
+        otherwise="90 or, in a section that falls to the left, 270: strata dip towards the toe",
+    )  # fmt: skip
 
 
 class Varying(Table):
@@ -122,8 +125,9 @@ class Varying(Table):
     )
     bedding: Bedding | None = key(
         "Inclined strata: `dip` below the horizontal and `strike`, anticlockwise from x seen from above, both in "
-        "degrees. With the default strike of 90 they dip towards the toe. Lengths are then down the dip, along strike "
-        "and across.",
+        "degrees. With a strike of 90 they dip towards +x, with 270 towards -x. By default they dip to the side to "
+        "which a slope or section falls, in a terrain towards +x. Lengths are then down the dip, along strike and "
+        "across.",
         {"dip": 15.0, "strike": 90.0},
         None,
         otherwise="level strata",

@@ -13,7 +13,7 @@ from cooperative.scene import parse
 from cooperative.sweep import variants
 from jaxmpm import FrictionalSoil
 from jaxmpm.laws import DruckerPrager, MohrCoulomb
-from tests.scenes import model_of
+from tests.scenes import model_of, tables
 
 CLAY = TINY[TINY.index("softening_modulus") : TINY.index("[strength]")]
 FIELDS = """
@@ -191,6 +191,38 @@ def test_strata_dip_and_infinite_lengths_are_constant():
     assert everywhere.soil.modes == 1
     strength = np.asarray(everywhere.strength(np.array([-1.2], np.float32)))
     np.testing.assert_allclose(strength, float(kl.Lognormal(30e3, 0.4).transform(jnp.asarray(-1.2))), rtol=1e-5)
+
+
+FALLING = """
+[ground]
+surface = [[0.0, 10.0], [16.0, 10.0], [24.0, 4.0], [40.0, 4.0]]
+[soil]
+unit_weight = 20e3
+young = 2e7
+poisson = 0.3
+[strength]
+mean = 30e3
+cov = 0.4
+length = [20.0, 2.0]
+bedding = { dip = 20.0 }
+""" + tables()
+
+
+def test_strata_dip_towards_the_toe_on_either_side():
+    rising = changed(FALLING, ("[0.0, 10.0], [16.0, 10.0], [24.0, 4.0], [40.0, 4.0]",
+                               "[0.0, 4.0], [16.0, 4.0], [24.0, 10.0], [40.0, 10.0]"))  # fmt: skip
+    right, left = model_of(FALLING), model_of(rising)
+    xi = drawn(right, 1)[0]
+    fields = []
+    for model, mirror in ((right, 1), (left, -1)):
+        x, z = np.asarray(model.scene.particles.position, float)
+        x = x if mirror == 1 else 40.0 - x
+        fields.append(np.asarray(model.strength(xi), float)[np.lexsort((x, z))])
+    np.testing.assert_allclose(*fields, rtol=1e-4)
+    # A strike that is given holds on either side.
+    given = [model_of(changed(each, ("dip = 20.0", "dip = 20.0, strike = 90.0"))) for each in (FALLING, rising)]
+    assert np.array_equal(given[0].strength(xi), right.strength(xi))
+    assert not np.allclose(given[1].strength(xi), left.strength(xi), rtol=0.05)
 
 
 @pytest.mark.filterwarnings("ignore:Corrected is not quite positive definite")
