@@ -29,7 +29,7 @@ _TIMED = "NVIDIA H100"
 EXTRAS = {
     "equilibrium": ("xslope",),
     "region": ("geopandas", "pyogrio", "pyproj", "shapefile"),
-    "site": ("pygef", "python_ags4"),
+    "site": ("python_ags4",),
 }
 """Modules of each extra that commands ask for."""
 

@@ -1,31 +1,45 @@
-"""Readers of soundings and laboratory values: GEF and BRO XML by pygef, AGS4 by python-AGS4, CSV with named columns."""
+"""Readers of soundings and laboratory values: GEF, BRO XML, AGS4 by python-AGS4, CSV with named columns."""
 
 from __future__ import annotations
 
-import csv
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 
-from cooperative.soundings._sounding import UNITS, Measured, SiteError, Sounding, Values, checked, finite, in_si
-from foundation import check, files
+from cooperative.soundings._dutch import read_bro, read_gef
+from cooperative.soundings._sounding import (
+    Measured,
+    Record,
+    SiteError,
+    Sounding,
+    Values,
+    in_si,
+    known_units,
+    numbers,
+    one_number,
+    sounding_of,
+)
+from foundation import check
 from foundation.extras import extra
-from foundation.text import shown
+from foundation.files import read_given
+from foundation.table import MOST_BYTES, Table, read_table
+from foundation.text import printable, shown
 
-MOST_BYTES = 2**26
-"""Largest size (bytes) of a file of a site."""
-
-Contents = tuple[list[Sounding], list[Measured]]
+Contents = tuple[list[Record], list[Measured]]
 
 CONE = {
-    "depth": ("length", ("depth", "d", "depth_below_surface", "penetration", "scpt_dpth")),
+    "depth": ("length", ("depth", "d", "depth_below_surface", "scpt_dpth")),
+    "length": ("length", ("penetration", "penetration_length", "sounding_length")),
+    "inclination": ("angle", ("inclination", "incl", "inclination_resultant")),
     "cone": ("stress", ("qc", "q_c", "cone", "cone_resistance", "tip", "tip_resistance", "scpt_res")),
+    "total": ("stress", ("qt", "q_t", "corrected_cone_resistance", "total_cone_resistance", "scpt_qt")),
     "sleeve": ("stress", ("fs", "f_s", "sleeve", "sleeve_friction", "friction_sleeve", "scpt_fres")),
-    "pore": ("stress", ("u2", "u_2", "u", "pore_pressure", "scpt_pwp2")),
+    "friction_ratio": ("share", ("rf", "r_f", "fr", "friction_ratio", "fric_ratio", "scpt_frr")),
+    "pore": ("stress", ("u2", "u_2", "u", "pore2", "pore_pressure", "scpt_pwp2")),
+    "area_ratio": ("", ("area_ratio", "net_area_ratio", "a", "alpha", "scpg_car")),
 }
 """Columns of a sounding: quantity, and the names that a CSV may give them."""
 POSITION = {
@@ -34,7 +48,17 @@ POSITION = {
     "y": ("length", ("y", "northing")),
     "top": ("length", ("top", "surface", "surface_elevation", "ground_level", "z_surface")),
     "z": ("length", ("z", "elevation", "level")),
+    "water": ("length", ("water", "water_table", "water_depth", "groundwater", "gwl")),
+    "predrilled": ("length", ("predrilled", "predrilled_depth", "pre-drilled")),
+    "datum": ("", ("datum", "vertical_datum")),
+    "projection": ("", ("projection", "crs", "epsg", "coordinate_system")),
 }
+DEGREES = ("lat", "latitude", "lon", "long", "longitude")
+"""Columns of a position that is none in metres."""
+FARTHEST = 20e3
+"""Distance (m) from the middle of a site from which on a position is wrong."""
+UNSET = 1e3
+"""Distance (m) from the others from which on a position of 0, 0 was never set."""
 PARAMETERS = {
     "strength": ("stress", ("strength", "su", "s_u", "cu", "c_u", "undrained_strength", "undrained_shear_strength")),
     "cohesion": ("stress", ("cohesion", "c", "c_eff")),
@@ -44,9 +68,6 @@ PARAMETERS = {
 }
 """Columns of laboratory values: the parameter of a scene's soil, its quantity, and names."""
 _COLUMNS = CONE | POSITION | PARAMETERS
-_COMMA = re.compile(r"(?<=\d),(?=\d+\s*$)|(?<=\d),(?=\d+[eE][-+]?\d+\s*$)")
-"""The decimal comma of a number, in files whose columns are parted by semicolons."""
-_HEADER = re.compile(r"\s*([^\[(]*?)\s*(?:[\[(]([^\])]*)[\])])?\s*")
 
 
 def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) -> Contents:
@@ -67,29 +88,18 @@ def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) ->
             raise SiteError(f"there is no file {path}: give files that end in {', '.join(_READERS)}")
         reader = _READERS.get(path.suffix.lower())
         if reader is None:
-            raise SiteError(f"{path} ends in {path.suffix!r}, files of a site in {', '.join(_READERS)}: rename it")
-        _check_bounds(path)
+            remedy = "save each sheet as CSV" if path.suffix.lower() in SHEETS else "export it as one of them"
+            raise SiteError(f"{path} ends in {path.suffix!r}, files of a site in {', '.join(_READERS)}: {remedy}")
         own, values = reader(path, units or {})
-        soundings += [checked(each) for each in own]
+        soundings += [sounding_of(each) for each in own]
         measured += values
     _check_together(soundings)
+    _check_positions(soundings, measured)
     return soundings, measured
 
 
-def _check_bounds(path: Path) -> None:
-    """Raise SiteError for a file that is too large, and for XML that declares entities, which read files and grow."""
-
-    def refuse(*_: object) -> None:
-        raise SiteError(f"{path} has a document type (DOCTYPE), which no sounding needs: delete it")
-
-    try:
-        files.check_given(path, MOST_BYTES)
-        if path.suffix.lower() == ".xml":
-            parser = expat.ParserCreate()
-            parser.StartDoctypeDeclHandler = refuse
-            parser.Parse(path.read_bytes(), True)
-    except expat.ExpatError as error:
-        raise SiteError(f"{path} is no XML ({error}): export it again") from error
+SHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
+"""Files of spreadsheets."""
 
 
 def _check_together(soundings: list[Sounding]) -> None:
@@ -105,6 +115,12 @@ def _check_together(soundings: list[Sounding]) -> None:
                     f"{each.file}: soundings {shown(each.name)} and {shown(other.name)} lie at one place, x = "
                     f"{each.x:g} m: leave one out, or correct its position"
                 )
+            apart = math.hypot(each.x - other.x, *np.diff(np.nan_to_num([each.y, other.y])))
+            if abs(each.top - other.top) > 2 * apart + 5:
+                check.warn(
+                    f"{each.file}: sounding {shown(each.name)} begins at {each.top:g} m and {shown(other.name)}, "
+                    f"{apart:.3g} m from it, at {other.top:g} m: correct one, if they do not count from one datum"
+                )
         names[each.name] = each
     datums = {each.datum: each for each in soundings if each.datum is not None}
     if len(datums) > 1:
@@ -114,52 +130,36 @@ def _check_together(soundings: list[Sounding]) -> None:
         )
 
 
-def _cone_file(path: Path, units: Mapping[str, str]) -> Contents:
-    """A sounding in GEF or in XML of the Dutch registration of the subsurface (BRO)."""
-    pygef = extra("pygef", f"{path} needs pygef, which is not installed", "'jaxmpm[site]'")
-    try:
-        # With its voids replaced, pygef would interpolate across gaps.
-        read = pygef.read_cpt(path, replace_column_voids=False)
-    except Exception as error:  # pygef raises whatever its parsers do
-        text = " ".join(str(error).split())[:200]
-        raise SiteError(f"{path} is no cone penetration test that pygef reads: {text}") from error
-    in_header = _gef_units(read.raw_headers or {})
-
-    def column(name: str, number: str, usual: str) -> Values:
-        if name not in read.data.columns:
-            return np.full(read.data.height, math.nan)
-        values = np.array([finite(each) for each in read.data[name].to_list()])
-        void = (read.column_void_mapping or {}).get(name)
-        if void is not None:
-            values = np.where(np.isclose(values, void), math.nan, values)
-        unit = in_header.get(number, usual)
-        return values * in_si(f"{path}: {name}", unit, "length" if usual == "m" else "stress")
-
-    depth = column("depth", "11", "m")
-    if not np.isfinite(depth).any():
-        depth = column("penetrationLength", "1", "m")
-    location = read.delivered_location
-    datum = read.delivered_vertical_position_datum
-    name = read.bro_id or read.alias or path.stem
-    return [
-        Sounding(
-            name=str(name), file=str(path), x=finite(location and location.x), y=finite(location and location.y),
-            top=finite(read.delivered_vertical_position_offset), datum=getattr(datum, "name", datum), depth=depth,
-            cone=column("coneResistance", "2", "MPa"), sleeve=column("localFriction", "3", "MPa"),
-            pore=column("porePressureU2", "6", "MPa"), area_ratio=read.cone_surface_quotient or None,
-            water=read.groundwater_level,
+def _check_positions(soundings: Sequence[Sounding], measured: Sequence[Measured]) -> None:
+    """Raise SiteError for positions of several systems, that were never set, or far from all others."""
+    every: list[Sounding | Measured] = [*soundings, *measured]
+    systems = {each.projection: each for each in every if each.projection is not None}
+    if len(systems) > 1:
+        (one, first), (two, second) = list(systems.items())[:2]
+        raise SiteError(
+            f"{first.file} has positions in {one} and {second.file} in {two}: convert them to one coordinate system"
         )
-    ], []  # fmt: skip
-
-
-def _gef_units(headers: Mapping[str, Sequence[Sequence[str]]]) -> dict[str, str]:
-    """Unit of each quantity of a GEF file, by the quantity's number; "MPa (megaPascal)" is "MPa"."""
-    rows = [row for row in headers.get("COLUMNINFO", ()) if len(row) >= 4]
-    return {row[3].strip(): row[1].split("(")[0].strip() for row in rows}
+    places = [(each.file, each.projection, np.array([np.atleast_1d(each.x), np.atleast_1d(each.y)])) for each in every]
+    known = np.concatenate([at for *_, at in places] or [np.empty((2, 0))], axis=1)
+    middle = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in known])
+    others = np.hypot(*np.nan_to_num(known))
+    for file, projection, at in places:
+        if (at == 0).all(axis=0).any() and (projection is not None or others.max() > UNSET):
+            raise SiteError(f"{file} has the position 0, 0, which was never set: give its x and y in metres")
+    for file, _, at in places:
+        away = np.hypot(*np.nan_to_num(at - middle[:, None]))
+        if away.size and (worst := float(away.max())) > FARTHEST:
+            raise SiteError(
+                f"{file} lies {worst / 1000:.3g} km from the middle of the site, the limit is {FARTHEST / 1000:g} km: "
+                "its position is of another coordinate system, or wrong"
+            )
 
 
 def _ags(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings (SCPT, SCPG) and strengths (TRIT, IVAN, LVAN) of an AGS4 file."""
+    begin = read_given(path, MOST_BYTES)[:4096].lstrip(b"\xef\xbb\xbf \r\n")
+    if begin.startswith((b'"**', b"**")):
+        raise SiteError(f"{path}: this is AGS3, whose groups begin with **: convert it to AGS4, which has GROUP lines")
     ags4 = extra("python_ags4.AGS4", f"{path} needs python-AGS4, which is not installed", "'jaxmpm[site]'")
     try:
         tables, _ = ags4.AGS4_to_dict(str(path))
@@ -168,15 +168,18 @@ def _ags(path: Path, units: Mapping[str, str]) -> Contents:
     groups = {name: _ags_rows(table) for name, table in tables.items()}
     if "LOCA" not in groups:
         raise SiteError(f"{path} has no group LOCA of locations: export it with LOCA, and SCPT for soundings")
-    locations = {row["LOCA_ID"]: row for row in groups["LOCA"][1]}
-    soundings = list(_ags_soundings(path, groups, locations))
+    for name in {"LOCA", "SCPT", "SCPG", "TRIT", "IVAN", "LVAN"} & groups.keys():
+        if "LOCA_ID" not in groups[name][0]:
+            raise SiteError(f"{path}: its group {name} has no heading LOCA_ID, which tells its place: export it anew")
+    places = _ags_places(path, groups["LOCA"])
+    records = list(_ags_soundings(path, groups, places))
     measured: list[Measured] = []
     for group, heading in (("TRIT", "TRIT_CU"), ("IVAN", "IVAN_IVAN"), ("LVAN", "LVAN_VNPK")):
         if group in groups:
-            measured += _ags_strengths(path, groups[group], heading, locations)
-    if not soundings and not measured:
+            measured += _ags_strengths(path, groups[group], heading, places)
+    if not records and not measured:
         raise SiteError(f"{path} has neither soundings (SCPT) nor strengths (TRIT, IVAN, LVAN)")
-    return soundings, measured
+    return records, measured
 
 
 Group = tuple[dict[str, str], list[dict[str, str]]]
@@ -191,85 +194,119 @@ def _ags_rows(table: Mapping[str, Sequence[str]]) -> Group:
     return ({} if unit is None else {name: str(table[name][unit]) for name in columns}), rows
 
 
-def _ags_soundings(
-    path: Path, groups: Mapping[str, Group], locations: Mapping[str, Mapping[str, str]]
-) -> Iterator[Sounding]:
+@dataclass(frozen=True)
+class Place:
+    """A location of an AGS file: x, y and elevation of the ground (m), datum and coordinate system."""
+
+    x: float = math.nan
+    y: float = math.nan
+    top: float = math.nan
+    datum: str | None = None
+    projection: str | None = None
+
+
+def _ags_column(path: Path, group: Group, heading: str, quantity: str) -> Values:
+    """Numbers (n,) of a heading in SI units, nan where the group has it not."""
+    units, rows = group
+    if heading not in units:
+        return np.full(len(rows), math.nan)
+    values = numbers(f"{path}: {heading}", (row[heading] for row in rows))
+    return values * in_si(f"{path}: {heading}", units[heading], quantity) if np.isfinite(values).any() else values
+
+
+def _ags_places(path: Path, group: Group) -> dict[str, Place]:
+    rows = group[1]
+    position = [_ags_column(path, group, heading, "length") for heading in ("LOCA_NATE", "LOCA_NATN", "LOCA_GL")]
+    if np.isnan(position[0]).all() and any(row.get("LOCA_LAT") for row in rows):
+        raise SiteError(f"{path} has positions in degrees alone (LOCA_LAT): export it with LOCA_NATE and LOCA_NATN")
+    return {
+        row["LOCA_ID"]: Place(*map(float, at), row.get("LOCA_DATM") or None, row.get("LOCA_GREF") or None)
+        for row, at in zip(rows, np.transpose(position), strict=True)
+    }
+
+
+def _ags_soundings(path: Path, groups: Mapping[str, Group], places: Mapping[str, Place]) -> Iterator[Record]:
     if "SCPT" not in groups:
         return
-    units, rows = groups["SCPT"]
-    details = {row["LOCA_ID"]: row for row in groups.get("SCPG", ({}, []))[1]}
-    # Several pushes from one borehole are one sounding.
-    for number in dict.fromkeys(row["LOCA_ID"] for row in rows):
-        own = [row for row in rows if row["LOCA_ID"] == number]
-
-        def column(heading: str, quantity: str, own: list[dict[str, str]] = own) -> Values:
-            if heading not in units:
-                return np.full(len(own), math.nan)
-            scale = in_si(f"{path}: {heading}", units[heading], quantity)
-            return np.array([finite(row[heading]) for row in own]) * scale
-
-        row, detail = locations.get(number, {}), details.get(number, {})
-        ratio = finite(detail.get("SCPG_CAR"))
-        water = finite(detail.get("SCPG_WAT"))
-        yield Sounding(
-            name=number, file=str(path), x=finite(row.get("LOCA_NATE")),
-            y=finite(row.get("LOCA_NATN")), top=finite(row.get("LOCA_GL")), datum=None,
-            depth=column("SCPT_DPTH", "length"), cone=column("SCPT_RES", "stress"),
-            sleeve=column("SCPT_FRES", "stress"), pore=column("SCPT_PWP2", "stress"),
-            area_ratio=None if math.isnan(ratio) else ratio, water=None if math.isnan(water) else water,
+    rows, none = groups["SCPT"][1], Place()
+    table = {
+        name: _ags_column(path, groups["SCPT"], f"SCPT_{heading}", quantity)
+        for name, heading, quantity in (
+            ("depth", "DPTH", "length"), ("cone", "RES", "stress"), ("total", "QT", "stress"),
+            ("sleeve", "FRES", "stress"), ("friction_ratio", "FRR", "share"), ("pore", "PWP2", "stress"),
+        )
+    }  # fmt: skip
+    # Each push has a cone of its own; several from one borehole are one sounding.
+    details = groups.get("SCPG", ({}, []))
+    pushes = [(row["LOCA_ID"], row.get("SCPG_TESN", "")) for row in details[1]]
+    ratios = dict(zip(pushes, (one_number(row.get("SCPG_CAR")) or math.nan for row in details[1]), strict=True))
+    water = dict(zip(pushes, _ags_column(path, details, "SCPG_WAT", "length"), strict=True))
+    table["area_ratio"] = np.array(
+        [ratios.get((row["LOCA_ID"], row.get("SCPG_TESN", "")), math.nan) for row in rows], float
+    )
+    names = np.array([row["LOCA_ID"] for row in rows])
+    for name in dict.fromkeys(names.tolist()):
+        place = places.get(name, none)
+        waters = [depth for (borehole, _), depth in water.items() if borehole == name and math.isfinite(depth)]
+        yield Record(
+            file=str(path), name=name, columns={key: values[names == name] for key, values in table.items()},
+            x=place.x, y=place.y, top=place.top, datum=place.datum, projection=place.projection,
+            water=waters[0] if waters else math.nan,
         )  # fmt: skip
 
 
-def _ags_strengths(
-    path: Path, group: Group, heading: str, locations: Mapping[str, Mapping[str, str]]
-) -> Iterator[Measured]:
+def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, Place]) -> Iterator[Measured]:
     units, rows = group
     if heading not in units:
         return
-    scale = in_si(f"{path}: {heading}", units[heading], "stress")
-    depths = next((name for name in ("SPEC_DPTH", "IVAN_DPTH", "SAMP_TOP") if name in units), None)
-    if depths is None:
+    depths = [_ags_column(path, group, name, "length") for name in ("SPEC_DPTH", "IVAN_DPTH", "SAMP_TOP")]
+    if not any(name in units for name in ("SPEC_DPTH", "IVAN_DPTH", "SAMP_TOP")):
         raise SiteError(f"{path}: {heading} has no depth in SPEC_DPTH, IVAN_DPTH or SAMP_TOP: add one")
-    table = np.array(
-        [
-            [finite(location.get(key)) for key in ("LOCA_NATE", "LOCA_NATN", "LOCA_GL")]
-            + [finite(row[depths]), finite(row[heading]) * scale]
-            for row in rows
-            for location in (locations.get(row["LOCA_ID"], {}),)
-        ]
-    ).reshape(-1, 5)
-    table = table[np.isfinite(table[:, 3:]).all(axis=1) & (table[:, 4] > 0)]
-    if len(table):
-        yield Measured(str(path), "strength", table[:, 0], table[:, 1], table[:, 2] - table[:, 3], table[:, 4])
+    # A specimen without a depth of its own lies at the top of its sample.
+    depth = depths[0]
+    for other in depths[1:]:
+        depth = np.where(np.isfinite(depth), depth, other)
+    value = _ags_column(path, group, heading, "stress")
+    own = [places.get(row["LOCA_ID"], Place()) for row in rows]
+    x, y, top = np.array([(each.x, each.y, each.top) for each in own]).reshape(-1, 3).T
+    read = value > 0
+    lacking = {"elevation of the ground (LOCA_GL)": top, "position (LOCA_NATE)": x, "depth": depth}
+    for what, numbers_of in lacking.items():
+        if missing := sorted(
+            {row["LOCA_ID"] for row, bad in zip(rows, read & np.isnan(numbers_of), strict=True) if bad}
+        ):
+            message = f"{path}: {', '.join(map(shown, missing[:5]))} have no {what}"
+            if np.isnan(numbers_of[read]).all():
+                raise SiteError(f"{message}: add it, without it {heading} has no place")
+            check.warn(f"{message}, so that values of {heading} there are left out: add it")
+    valid = read & np.isfinite(x) & np.isfinite(top) & np.isfinite(depth)
+    if valid.any():
+        systems = {each.projection for each, good in zip(own, valid, strict=True) if good}
+        projection = systems.pop() if len(systems) == 1 else None
+        yield Measured(str(path), "strength", x[valid], y[valid], (top - depth)[valid], value[valid], projection)
 
 
 def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings, or laboratory values, in columns named by the first row, each with its unit in brackets."""
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    delimiter = max(",;\t", key=lines[0].count) if lines else ","
-    try:
-        rows = [row for row in csv.reader(lines, delimiter=delimiter) if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise SiteError(f"{path} is no table ({error}): is a quotation mark left open?") from error
-    if delimiter == ";":
-        rows = [rows[0], *([_COMMA.sub(".", cell) for cell in row] for row in rows[1:])]
-    if len(rows) < 2:
+    read = read_table(path)
+    if not read.rows:
         raise SiteError(f"{path} has no rows below its header: give one row for each reading")
-    columns = _columns(path, rows[0], units)
-    cells = {
-        name: [row[column] if column < len(row) else "" for row in rows[1:]] for name, (column, _) in columns.items()
+    columns = _columns(path, read, units)
+    cells = {name: [row[column] for row in read.rows] for name, (column, _) in columns.items()}
+    texts = {name: np.array(cells[name]) for name in ("datum", "projection") if name in cells}
+    names = np.array(cells.get("name", [path.stem] * len(read.rows)))
+    table = {
+        name: numbers(f"{path}: {name}", cells[name]) * columns[name][1]
+        for name in columns
+        if name not in ("name", "datum", "projection")
     }
-    names = np.array(cells.pop("name", [path.stem] * (len(rows) - 1)))
-    table = {name: np.array([finite(cell) for cell in each]) * columns[name][1] for name, each in cells.items()}
     gap = np.full(len(names), math.nan)
-    if "cone" in table:
-        if "depth" not in table:
+    if "cone" in table or "total" in table:
+        if "depth" not in table and "length" not in table:
             raise SiteError(f"{path} has cone resistances but no column depth [m]: add it")
-        for name in table.keys() & CONE:
-            if bad := sum(cell.strip() != "" for cell in cells[name]) - int(np.isfinite(table[name]).sum()):
-                check.warn(f"{path}: {bad} cells of {name} are no number and count as gaps: correct or empty them")
-        return [_of_rows(path, table, name, names == name, gap) for name in dict.fromkeys(names.tolist())], []
+        if unused := sorted({*PARAMETERS, "z"} & table.keys()):
+            check.warn(f"{path} is a sounding, whose columns {', '.join(unused)} are not read")
+        return [_of_rows(path, table | texts, name, names == name) for name in dict.fromkeys(names.tolist())], []
     given = [name for name in PARAMETERS if name in table]
     if not given:
         known = ", ".join(f"{name} ({' or '.join(words[:3])})" for name, (_, words) in (CONE | PARAMETERS).items())
@@ -284,13 +321,20 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     measured: list[Measured] = []
     for name in given:
         valid = placed & (table[name] > 0)
-        if dropped := sum(cell.strip() != "" for cell in cells[name]) - int(valid.sum()):
+        if dropped := int(np.isfinite(table[name]).sum() - valid.sum()):
             check.warn(
-                f"{path}: {dropped} values of {name} are left out, which have no position or are no number above 0: "
-                "correct them, or leave such cells empty"
+                f"{path}: {dropped} values of {name} are left out, which have no position or are not above 0: correct "
+                "them, or leave such cells empty"
             )
         each = (table["x"], y, z, table[name])
-        measured.append(Measured(str(path), name, *(values[valid] for values in each)))
+        measured.append(
+            Measured(
+                str(path),
+                name,
+                *(values[valid] for values in each),
+                _one_text(path, "projection", texts.get("projection")),
+            )
+        )
     return [], measured
 
 
@@ -321,14 +365,17 @@ def read_rows(path: Path) -> list[list[float]]:
     return table[valid].tolist()
 
 
-def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
+def _columns(path: Path, read: Table, units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
     """Number of each known column in a row, and what its numbers are multiplied by."""
     columns: dict[str, tuple[int, float]] = {}
     unknown: list[str] = []
-    for column, cell in enumerate(header):
-        match = _HEADER.fullmatch(cell)
-        word, unit = (match.group(1), match.group(2)) if match else (cell, None)
+    if not read.header:
+        raise SiteError(f"{path} has no row of headings: name its columns, such as x [m], top [m], depth [m], qc [MPa]")
+    for column, (cell, word) in enumerate(zip(read.header, read.names, strict=False)):
+        unit = read.units[column]
         plain = word.strip().lower().replace(" ", "_")
+        if plain in DEGREES:
+            raise SiteError(f"{path}: the column {shown(cell)} has degrees: give x [m] and y [m] of a national grid")
         name = next((name for name, (_, words) in _COLUMNS.items() if plain == name or plain in words), None)
         if name is None:
             unknown += [shown(cell)] if cell.strip() else []
@@ -338,7 +385,7 @@ def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[st
         quantity = _COLUMNS[name][0]
         unit = unit or units.get(plain) or units.get(name)
         if quantity and not unit:
-            known = ", ".join(list(UNITS[quantity])[:3])
+            known = known_units(quantity)
             raise SiteError(
                 f"{path}: the column {shown(cell)} has no unit: write {cell.strip()} [{known.split(', ')[0]}] in the "
                 f"header, or give --units {plain}=UNIT with one of {known}"
@@ -349,19 +396,31 @@ def _columns(path: Path, header: list[str], units: Mapping[str, str]) -> dict[st
     return columns
 
 
-def _of_rows(path: Path, table: Mapping[str, Values], name: str, mine: np.ndarray, gap: Values) -> Sounding:
+def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, mine: np.ndarray) -> Record:
     """The sounding of the rows of one name."""
 
     def one(key: str) -> float:
         values = np.unique(table[key][mine]) if key in table else np.array([math.nan])
+        values = values[np.isfinite(values)]
         if len(values) > 1:
             raise SiteError(f"{path}: sounding {shown(name)} has several {key}: give each its own name")
-        return float(values[0])
+        return float(values[0]) if len(values) else math.nan
 
-    columns = {key: table.get(key, gap)[mine] for key in CONE}
-    return Sounding(name=name, file=str(path), x=one("x"), y=one("y"), top=one("top"), datum=None, **columns)
+    columns = {key: table[key][mine] for key in CONE if key in table}
+    single = {key: one(key) for key in ("x", "y", "top", "water", "predrilled")}
+    texts = {key: _one_text(path, key, table[key][mine]) for key in ("datum", "projection") if key in table}
+    return Record(file=str(path), name=name, columns=columns, **single, **texts)
+
+
+def _one_text(path: Path, key: str, column: np.ndarray | None) -> str | None:
+    """The one text of a column, None where there is none."""
+    values = {printable(each.strip()) for each in (() if column is None else column) if each.strip()}
+    if len(values) > 1:
+        raise SiteError(f"{path} has several {key}: {', '.join(sorted(values)[:3])}; give one")
+    return values.pop() if values else None
 
 
 _READERS: Mapping[str, Callable[[Path, Mapping[str, str]], Contents]] = {
-    ".gef": _cone_file, ".xml": _cone_file, ".ags": _ags, ".csv": _csv,
+    ".gef": lambda path, units: (read_gef(path), []), ".xml": lambda path, units: (read_bro(path), []),
+    ".ags": _ags, ".csv": _csv,
 }  # fmt: skip

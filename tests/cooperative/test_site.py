@@ -62,7 +62,6 @@ def _csv(path, text):
 
 def test_gaps_stay_gaps_and_units_come_from_the_header(tmp_path):
     """A void of GEF is no number between its neighbours, and kPa are not MPa."""
-    pytest.importorskip("pygef")
     path = write_gef(tmp_path / "a.gef", 1e5, [0.5, -999999, 0.7, 0.8])
     (sounding,), _ = read_files([path])
     np.testing.assert_allclose(sounding.cone, [0.5e6, np.nan, 0.7e6, 0.8e6])
@@ -264,14 +263,14 @@ def test_what_is_not_used_of_a_file_is_stated(tmp_path):
     depths = 0.2 * np.arange(1, 16)
     cones = np.where(depths > 2.9, 0.01, np.exp(0.1 * np.sin(7 * depths)))  # the last bears less than its overburden
     rows = [f"5,3,{depth:.1f},{cone:.3f},2" for depth, cone in zip(depths, cones, strict=True)]
-    cpt = _csv(tmp_path / "cpt.csv", "x [m],top [m],depth [m],qc [MPa],Rf [%]\n" + "\n".join(rows))
+    cpt = _csv(tmp_path / "cpt.csv", "x [m],top [m],depth [m],qc [MPa],speed [cm/s]\n" + "\n".join(rows))
     lab = _csv(
         tmp_path / "lab.csv",
-        "x [m],z [m],su [kPa],c [kPa],phi [deg],gamma [kN/m3],E50 [MPa]\n1,2,30,5,25,19,8\n1,1,nan,,,,\n1,-9,40,,,,\n",
+        "x [m],z [m],su [kPa],c [kPa],phi [deg],gamma [kN/m3],E50 [MPa]\n1,2,30,5,25,19,8\n1,1,-3,,,,\n1,-9,40,,,,\n",
     )
     with (
-        pytest.warns(UserWarning, match=r"cpt.csv: unknown columns are not read: 'Rf \[%\]'"),
-        pytest.warns(UserWarning, match="1 values of strength are left out, which have no position or are no number"),
+        pytest.warns(UserWarning, match=r"cpt.csv: unknown columns are not read: 'speed \[cm/s\]'"),
+        pytest.warns(UserWarning, match="1 values of strength are left out, which have no position or are not above 0"),
         pytest.warns(UserWarning, match="1 values of strength are left out, which lie above or below .* 3 to 0 m"),
     ):
         site = estimate_site([cpt, lab], Assumed(n_kt=(14.0, 0.0)), boundaries=[])

@@ -19,7 +19,7 @@ def test_decimal_commas_are_read_and_other_text_is_counted(tmp_path):
     (sounding,), _ = read_files([_csv(tmp_path / "a.csv", rows)])
     np.testing.assert_allclose(sounding.depth, [0.5, 1.0, 1.5])
     np.testing.assert_allclose(sounding.cone, [500.5e3, 600e3, 750e3])
-    with pytest.warns(UserWarning, match=r"b.csv: 2 cells of cone are no number and count as gaps"):
+    with pytest.warns(UserWarning, match=r"b.csv: cone: 2 cells are no number and count as gaps"):
         read_files([_csv(tmp_path / "b.csv", f"{rows}3;2;2;1.200,5\n3;2;2,5;n/a\n")])
 
 

@@ -79,7 +79,5 @@ LAUGHS = ENTITIES.format("ha" * 9, "".join(f'<!ENTITY b{k} "{f"&b{k - 1};" * 9}"
 def test_xml_with_entities_is_refused_before_it_is_expanded(text, encoding, tmp_path):
     path = tmp_path / "cpt.xml"
     path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>\n{text}'.encode(encoding))
-    with pytest.raises(
-        ValueError, match=r"cpt.xml has a document type \(DOCTYPE\), which no sounding needs: delete it"
-    ):
+    with pytest.raises(ValueError, match=r"cpt.xml declares a document type or entities"):
         read_files([path])
