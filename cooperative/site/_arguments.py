@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from cooperative.site._assumed import Assumed
 from cooperative.site._estimate import estimate_site
 from cooperative.site._write import words, write_site
 from cooperative.soundings import SiteError
+from foundation.text import printable
 from jaxmpm import read_raster
 
 
@@ -30,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--layers", type=float, nargs="*", metavar="Z", help="elevations between layers, from the top down (proposed)"
     )
     parser.add_argument("--unit-weight", type=float, default=18e3, metavar="N/M3", help="of the soil (%(default)g)")
+    parser.add_argument(
+        "--area-ratio", type=float, metavar="A", help="net, of cones whose file has u_2 and none, such as 0.8"
+    )
     parser.add_argument("--water", type=float, default=1.0, metavar="M", help="depth of the water table (%(default)g)")
     parser.add_argument("--line", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="of a section")
     parser.add_argument(
@@ -70,10 +75,14 @@ def answer(given: argparse.Namespace) -> list[str]:
         origin = national_origin(read_raster(given.surface))
     assumed = Assumed(
         cone_factor(given.n_kt), given.unit_weight, given.water, given.marginal, given.correlation, line,
-        tuple(origin or (0.0, 0.0)), given.base,
+        tuple(origin or (0.0, 0.0)), given.base, given.area_ratio,
     )  # fmt: skip
-    site = estimate_site(given.files, assumed, boundaries=given.layers, units=units)
+    site = estimate_site(given.files, assumed, boundaries=given.layers, units=units, progress=_told)
     return [words(site), *map(str, write_site(site, given.out, given.surface))]
+
+
+def _told(line: str) -> None:
+    print(printable(line), file=sys.stderr, flush=True)
 
 
 def cone_factor(given: Sequence[float] | None) -> tuple[float, float] | None:

@@ -24,6 +24,7 @@ class Assumed:
         line: start and end [x, y] (m) of a section; positions are projected on it. None for 3D.
         origin: position [x, y] (m) that is subtracted in 3D.
         base: elevation (m) of the base of the scene, below which no value conditions the field; None for none.
+        area_ratio: net area ratio of cones whose file has none beside u_2; None for none.
 
     Raises:
         ValueError: a number that is not finite, a unit weight in another unit, or a line of one point.
@@ -37,6 +38,7 @@ class Assumed:
     line: tuple[tuple[float, float], tuple[float, float]] | None = None
     origin: tuple[float, float] = (0.0, 0.0)
     base: float | None = None
+    area_ratio: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers that no reader looks at."""
@@ -46,6 +48,8 @@ class Assumed:
         for name in ("water", "line", "origin", "base"):
             if getattr(self, name) is not None:
                 check.finite(name, getattr(self, name), "m")
+        if self.area_ratio is not None and not 0.3 <= self.area_ratio <= 1:
+            raise SiteError(f"area_ratio = {self.area_ratio:g}: cones have 0.3 to 1, such as 0.8; 1 takes q_c for q_t")
         if self.line is not None and self.line[0] == self.line[1]:
             raise SiteError(f"line = {self.line} starts and ends at one point: give two points of the section")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,8 +13,10 @@ import numpy as np
 from cooperative.scene.tables import CORRELATIONS, MARGINALS
 from cooperative.site._assumed import Assumed
 from cooperative.soundings import (
+    FEWEST,
     FRICTION,
     STRENGTH,
+    TYPES,
     Measured,
     ProposedLayer,
     SiteError,
@@ -29,6 +31,7 @@ from cooperative.soundings import (
     require_elevations,
     strength_of,
     thinned,
+    types_of,
 )
 from foundation import check
 from jaxmpm.soil import soil_limits
@@ -42,6 +45,11 @@ MOST_CONDITIONING = 120
 """Values of a layer that condition the field at most."""
 CLOSEST = 0.1
 """Least distance (m) of readings that are used."""
+UNKNOWN = 1.0
+"""Thickness (m) without a reading from which on the output names it."""
+PLAUSIBLE = {"strength": (300e3, 0.8), "friction": (50.0, 0.25)}
+"""Mean at the middle of a layer, and coefficient of variation, from which on no soil has them: 300 kPa is the limit of
+soil to soft rock (EN ISO 14688-2), the coefficients lie above those of Phoon and Kulhawy (1999)."""
 LEAST_ERROR = 0.1
 """Deviation of the conditioning values over that of the field, at least: a field of finitely many terms needs some."""
 
@@ -110,6 +118,7 @@ def estimate_site(
     *,
     boundaries: Sequence[float] | None = None,
     units: Mapping[str, str] | None = None,
+    progress: Callable[[str], None] = lambda line: None,
 ) -> SiteEstimate:
     """Read the files of a site, and estimate the random field of each layer.
 
@@ -118,23 +127,47 @@ def estimate_site(
         assumed: what the interpretation rests on beside them; None for its defaults.
         boundaries: elevations (m) between layers from the top down, in place of those proposed; none for one layer.
         units: of columns of CSV files whose header has none.
+        progress: takes a line before each layer, whose estimate may take seconds.
 
     Raises:
         ValueError: files that cannot be used, clay without a cone factor, or layers with too few values.
     """
     assumed = assumed or Assumed()
     soundings, measured = read_files([Path(each) for each in paths], units)
+    soundings = [_with_ratio(each, assumed.area_ratio) for each in soundings]
     require_elevations(soundings)
     _require_alike(soundings, measured)
     layers = _layers(soundings, measured, assumed, boundaries)
+    inner = {each.bottom for each in layers[:-1]}
+    layers = [replace(each, meets=tuple(at for at in (each.top, each.bottom) if at in inner)) for each in layers]
     for each in measured:
         if beyond := int(((each.z >= layers[0].top) | (each.z < layers[-1].bottom)).sum()):
             check.warn(
                 f"{each.file}: {beyond} values of {each.parameter} are left out, which lie above or below the layers, "
                 f"{layers[0].top:g} to {layers[-1].bottom:g} m"
             )
-    fits = [_fit(number, layer, soundings, measured, assumed) for number, layer in enumerate(layers, 1)]
+    if unused := [each.name for each in soundings if _bare(each) and np.isfinite(each.pore).any()]:
+        check.warn(
+            f"u_2 of {', '.join(unused)} is not used, since no area ratio of the cone is known, and q_c stands for "
+            "q_t: give --area-ratio, such as 0.8"
+        )
+    fits = []
+    for number, layer in enumerate(layers, 1):
+        progress(f"layer {number} of {len(layers)}, {layer.kind} from {layer.top:.2f} to {layer.bottom:.2f} m")
+        fits.append(_fit(number, layer, soundings, measured, assumed))
     return SiteEstimate(tuple(soundings), tuple(measured), tuple(fits), assumed)
+
+
+def _bare(sounding: Sounding) -> bool:
+    """Whether q_c stands for q_t."""
+    known = sounding.area_ratio is not None and np.isfinite(sounding.pore).any()
+    return sounding.corrected is None and not known
+
+
+def _with_ratio(sounding: Sounding, ratio: float | None) -> Sounding:
+    """The sounding with an area ratio, where its file has none."""
+    lacks = sounding.area_ratio is None and sounding.corrected is None
+    return replace(sounding, area_ratio=ratio) if lacks else sounding
 
 
 def _require_alike(soundings: Sequence[Sounding], measured: Sequence[Measured]) -> None:
@@ -183,9 +216,9 @@ def _fit(
             "mean of 14 with a standard deviation of 2"
         )
     points, values, cones = _values(layer, parameter, soundings, measured, assumed)
-    if values.size < 8:
+    if values.size < FEWEST:
         raise SiteError(
-            f"{where} has {values.size} values of {parameter}, the limit is 8: give other boundaries by --layers"
+            f"{where} has {values.size} values of {parameter}, the limit is {FEWEST}: give other boundaries by --layers"
         )
     try:
         fit = fit_field(
@@ -203,10 +236,28 @@ def _fit(
     mean = interval_of(factors * fit.draws.mean)
     young = 500 * mean.value if parameter == "strength" else 2.5 * float(np.median(cones))
     remarks = tuple(_remarks(layer, parameter, soundings, measured, assumed, values.size))
+    if odd := _implausible(parameter, middle.value, fit.cov.value):
+        remarks = (*remarks, odd)
+        check.warn(f"{where}: {odd}")
     return SiteLayerFit(
         name, layer.top, layer.bottom, parameter, points, values, _spread(points, fit, assumed.base), fit, mean,
         mean.value * middle.error / middle.value, scatter, young, remarks,
     )  # fmt: skip
+
+
+def _implausible(parameter: str, mean: float, cov: float) -> str | None:
+    """What no soil has of an estimate, in words; None where it is plausible."""
+    most, widest = PLAUSIBLE[parameter]
+    unit = "kPa" if parameter == "strength" else "degrees"
+    scale = 1e3 if parameter == "strength" else 1.0
+    wrong = [f"a mean of {mean / scale:.3g} {unit}, above {most / scale:g}"] if mean > most else []
+    wrong += [f"a cov of {cov:.2g}, above {widest:g}"] if cov > widest else []
+    if not wrong:
+        return None
+    return (
+        f"{' and '.join(wrong)}, which no such soil has: look for another soil in it, at units, weight and water, and "
+        "bound layers by --layers"
+    )
 
 
 def marginal_of(parameter: str, assumed: Assumed) -> str:
@@ -235,7 +286,10 @@ def _values(
             parts.append((np.concatenate([position, lab.z[None, valid]]), lab.value[valid], none))
     else:
         inside = [(each, _parameter(each, parameter, assumed)) for each in soundings]
-        masks = [np.isfinite(value) & (each.z < layer.top) & (each.z >= layer.bottom) for each, value in inside]
+        masks = [
+            np.isfinite(value) & layer.inside(each.z) & ~layer.of_another(each, assumed.stresses)
+            for each, value in inside
+        ]
         thickness = sum(float(np.ptp(each.z[mask])) for each, mask in zip(soundings, masks, strict=True) if mask.any())
         apart = max(CLOSEST, thickness / MOST)
         parts = []
@@ -276,29 +330,55 @@ def _remarks(
     """What an engineer should know of how the values came about."""
     if soundings:
         yield STRENGTH if parameter == "strength" else FRICTION
-        yield (
-            f"unit weight {assumed.unit_weight / 1e3:g} kN/m3, water {assumed.water:g} m below the surface where a "
-            "file has none"
+        tables = {each.name: assumed.stresses.water_of(each) for each in soundings}
+        water = "; ".join(
+            f"{depth:g} m below the surface at {', '.join(name for name, own in tables.items() if own == depth)}"
+            for depth in dict.fromkeys(tables.values())
         )
-        bare = [each.name for each in soundings if each.area_ratio is None or not np.isfinite(each.pore).any()]
-        if bare and parameter == "strength":
-            yield f"q_c in place of q_t, without u_2 or area ratio: {', '.join(bare)}"
-        inside = [(each.z < layer.top) & (each.z >= layer.bottom) for each in soundings]
-        bad = [np.isfinite(each.cone) & np.isnan(_parameter(each, parameter, assumed)) for each in soundings]
-        if nothing := sum(int((one & other).sum()) for one, other in zip(inside, bad, strict=True)):
-            yield (
-                f"{nothing} readings that give no {parameter} above 0 are left out: check N_kt, unit weight, water and "
-                "gaps in u_2"
-            )
-        readings = sum(int(each.sum()) for each in inside)
-        if count < readings:
-            yield f"{count} of {readings} readings used, thinned, none averaged or filled in"
+        yield f"unit weight {assumed.unit_weight / 1e3:g} kN/m3, water {water}"
+        yield from _of_readings(layer, parameter, soundings, assumed, count)
     for name in dict.fromkeys(each.parameter for each in measured):
         own = [each for each in measured if each.parameter == name]
-        values = np.concatenate([each.value[(each.z < layer.top) & (each.z >= layer.bottom)] for each in own])
+        values = np.concatenate([each.value[layer.inside(each.z)] for each in own])
         if values.size and (soundings or name != parameter):
             line = f"{values.size} laboratory values of {name}, mean {values.mean():.4g} {soil_limits()[name].unit}"
             yield f"{line}, not part of the estimate: {_unused(name, parameter)}"
+
+
+def _of_readings(
+    layer: ProposedLayer, parameter: str, soundings: list[Sounding], assumed: Assumed, count: int
+) -> Iterator[str]:
+    """Which readings of a layer are used, and what takes the place of those that lack."""
+    if parameter == "strength" and (bare := [each.name for each in soundings if _bare(each)]):
+        yield f"q_c in place of q_t, without u_2 or area ratio: {', '.join(bare)}"
+    for high, low in _unknown(layer, soundings):
+        yield f"no reading from {high:.2f} to {low:.2f} m: the soil there is taken to be that of the layer"
+    others = [layer.of_another(each, assumed.stresses) for each in soundings]
+    types = [types_of(each, assumed.stresses)[mask] for each, mask in zip(soundings, others, strict=True)]
+    z = np.concatenate([each.z[mask] for each, mask in zip(soundings, others, strict=True)])
+    for kind in np.unique(np.concatenate(types)):
+        at = z[np.concatenate(types) == kind]
+        yield (
+            f"{at.size} readings of {TYPES[kind]} from {at.max():.2f} to {at.min():.2f} m are left out: give --layers "
+            "if it is a layer of its own"
+        )
+    inside = [layer.inside(each.z) & np.isfinite(corrected_cone(each)) for each in soundings]
+    bad = [np.isnan(_parameter(each, parameter, assumed)) for each in soundings]
+    if nothing := sum(int((one & other).sum()) for one, other in zip(inside, bad, strict=True)):
+        yield (
+            f"{nothing} readings that give no {parameter} above 0 are left out: check N_kt, unit weight, water and "
+            "gaps in u_2"
+        )
+    readings = sum(int(each.sum()) for each in inside)
+    if count < readings - z.size:
+        yield f"{count} of {readings} readings used, thinned, none averaged or filled in"
+
+
+def _unknown(layer: ProposedLayer, soundings: list[Sounding]) -> Iterator[tuple[float, float]]:
+    """Elevations (m) between which a layer has no reading of any sounding, from the top down."""
+    read = np.concatenate([each.z[layer.inside(each.z) & np.isfinite(corrected_cone(each))] for each in soundings])
+    ends = np.r_[layer.top, -np.sort(-read), layer.bottom]
+    yield from ((float(high), float(low)) for high, low in pairwise(ends) if high - low > UNKNOWN)
 
 
 def _unused(name: str, parameter: str) -> str:

@@ -2,8 +2,10 @@
 
 from cooperative.soundings._files import read_files, read_rows
 from cooperative.soundings._interpretation import (
+    FEWEST,
     FRICTION,
     STRENGTH,
+    TYPES,
     ProposedLayer,
     Stresses,
     behaviour_index,
@@ -15,12 +17,15 @@ from cooperative.soundings._interpretation import (
     require_elevations,
     strength_of,
     thinned,
+    types_of,
 )
 from cooperative.soundings._sounding import Measured, SiteError, Sounding, Values
 
 __all__ = [
+    "FEWEST",
     "FRICTION",
     "STRENGTH",
+    "TYPES",
     "Measured",
     "ProposedLayer",
     "SiteError",
@@ -38,4 +43,5 @@ __all__ = [
     "require_elevations",
     "strength_of",
     "thinned",
+    "types_of",
 ]

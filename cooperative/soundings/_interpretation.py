@@ -26,6 +26,10 @@ LIMITS = (2.05, 2.6, 3.6)
 """Index I_c between them."""
 THINNEST, STEP = 1.5, 0.25
 """Thickness (m) below which a proposed layer goes to its neighbour, and of the intervals that it is made of."""
+TRANSITION = 0.5
+"""Distance (m) over which a cone feels the next layer, some ten of its diameters."""
+FEWEST = 8
+"""Readings from which a layer is estimated."""
 STRENGTH = "s_u = (q_t - sigma_v0) / N_kt (Lunne, Robertson and Powell 1997)"
 FRICTION = "phi = 17.6 + 11 log10((q_t / p_a) / sqrt(sigma'_v0 / p_a)) (Kulhawy and Mayne 1990, EPRI EL-6800)"
 
@@ -48,20 +52,30 @@ class Stresses:
         Args:
             sounding: whose readings.
         """
-        table = self.water if sounding.water is None else sounding.water
+        table = self.water_of(sounding)
         total = self.unit_weight * sounding.depth
         return total, total - WATER_WEIGHT * np.maximum(sounding.depth - table, 0)
+
+    def water_of(self, sounding: Sounding) -> float:
+        """Depth (m) of the water table below the surface at a sounding, its own where its file has one.
+
+        Args:
+            sounding: whose.
+        """
+        return self.water if sounding.water is None else sounding.water
 
 
 def corrected_cone(sounding: Sounding) -> Values:
     """Cone resistance q_t (n,) Pa: q_c + (1 - a) u_2 with the net area ratio a.
 
-    It is q_c where the file has no area ratio, or no pore pressure at all: in sand they differ little, in soft clay q_c
-    is too small. A gap in u_2 alone is one in q_t.
+    It is what the file has as q_t, else q_c where it has no area ratio, or no pore pressure at all: in sand they differ
+    little, in soft clay q_c is too small. A gap in u_2 alone is one in q_t.
 
     Args:
         sounding: whose readings.
     """
+    if sounding.corrected is not None:
+        return sounding.corrected
     if sounding.area_ratio is None or not np.isfinite(sounding.pore).any():
         return sounding.cone
     return sounding.cone + (1 - sounding.area_ratio) * sounding.pore
@@ -134,11 +148,36 @@ class ProposedLayer:
         kind: of `TYPES`, or "soil" where none was proposed.
         top: elevation (m).
         bottom: elevation (m).
+        meets: elevations (m) at which it meets another layer.
     """
 
     kind: str
     top: float
     bottom: float
+    meets: tuple[float, ...] = ()
+
+    def inside(self, z: Values) -> npt.NDArray[np.bool_]:
+        """Which elevations (n,) m lie in it.
+
+        Args:
+            z: m.
+        """
+        return (z < self.top) & (z >= self.bottom)
+
+    def of_another(self, sounding: Sounding, stresses: Stresses) -> npt.NDArray[np.bool_]:
+        """Which readings (n,) in it are of another soil.
+
+        Within `TRANSITION` of another layer these are all of another type, elsewhere those whose type is no neighbour
+        of its own: sand in clay, clay in sand.
+
+        Args:
+            sounding: whose readings.
+            stresses: of the ground.
+        """
+        types = types_of(sounding, stresses)
+        apart = np.abs(types - TYPES.index(self.kind))
+        near = np.array([np.abs(sounding.z - each) <= TRANSITION for each in self.meets]).any(axis=0)
+        return self.inside(sounding.z) & (types >= 0) & (apart > np.where(near, 0, 1))
 
 
 def proposed_layers(soundings: list[Sounding], stresses: Stresses) -> list[ProposedLayer]:
@@ -155,24 +194,33 @@ def proposed_layers(soundings: list[Sounding], stresses: Stresses) -> list[Propo
     top, bottom = extent_of(soundings)
     edges = np.arange(top, bottom - STEP, -STEP)
     indices = np.full((len(soundings), len(edges)), np.nan)
+    readings = np.zeros(len(edges), int)
     for row, each in zip(indices, soundings, strict=True):
         index = behaviour_index(each, stresses)
         interval = np.floor((top - each.z) / STEP).astype(int)
         valid = np.isfinite(index) & (interval < len(edges))
         counts = np.bincount(interval[valid], minlength=len(edges))
+        readings += counts
         row[:] = np.bincount(interval[valid], index[valid], minlength=len(edges)) / np.where(counts > 0, counts, np.nan)
     known = np.isfinite(indices).any(axis=0)
     mean = np.array([np.nanmedian(column) for column in indices[:, known].T])
-    kinds, tops = _merged(np.searchsorted(LIMITS, mean), edges[known])
+    starts, readings = edges[known], readings[known]
+    kinds, tops = _merged(np.searchsorted(LIMITS, mean), starts)
     tops[0] = top
     while len(kinds) > 1:
-        thick = tops - np.append(tops[1:], bottom)
-        k = int(np.argmin(thick))
-        if thick[k] >= THINNEST:
+        ends = np.append(tops[1:], bottom)
+        thick = tops - ends
+        # The soundings end within the lowest layer, whose thickness is more than they show of it.
+        least = np.full(len(kinds), THINNEST)
+        if readings[starts <= tops[-1]].sum() >= FEWEST:
+            least[-1] /= 2
+        k = int(np.argmin(thick / least))
+        if thick[k] >= least[k]:
             break
+        own = [mean[(starts <= high) & (starts > low)].mean() for high, low in zip(tops, ends, strict=True)]
         sides = [j for j in (k - 1, k + 1) if 0 <= j < len(kinds)]
-        # The neighbour of the nearer type takes it over, of two the thicker.
-        kinds[k] = kinds[min(sides, key=lambda j: (abs(kinds[j] - kinds[k]), -thick[j]))]
+        # The neighbour of the nearer type takes it over, of two that of the nearer index.
+        kinds[k] = kinds[min(sides, key=lambda j: (abs(kinds[j] - kinds[k]), abs(own[j] - own[k])))]
         kinds, tops = _merged(kinds, tops)
     ends = [*tops.tolist(), bottom]
     return [ProposedLayer(TYPES[kind], *between) for kind, between in zip(kinds, pairwise(ends), strict=True)]
@@ -184,6 +232,19 @@ def _merged(kinds: npt.NDArray[np.intp], tops: Values) -> tuple[npt.NDArray[np.i
     return kinds[first], tops[first]
 
 
+def types_of(sounding: Sounding, stresses: Stresses) -> npt.NDArray[np.intp]:
+    """Number among `TYPES` of the soil at each reading (n,), -1 where it is unknown.
+
+    Args:
+        sounding: whose readings.
+        stresses: of the ground.
+    """
+    if not np.isfinite(sounding.sleeve).any():
+        return np.full(sounding.depth.size, -1)
+    index = behaviour_index(sounding, stresses)
+    return np.where(np.isfinite(index), np.searchsorted(LIMITS, index), -1)
+
+
 def kind_between(soundings: list[Sounding], stresses: Stresses, top: float, bottom: float) -> str | None:
     """Type of the soil between two elevations (m) by its median index, None without sleeve friction.
 
@@ -193,13 +254,12 @@ def kind_between(soundings: list[Sounding], stresses: Stresses, top: float, bott
         top: elevation (m).
         bottom: elevation (m).
     """
-    indices = [np.empty(0)]
+    types = [np.empty(0, int)]
     for each in soundings:
-        if np.isfinite(each.sleeve).any():
-            index = behaviour_index(each, stresses)
-            indices.append(index[np.isfinite(index) & (each.z < top) & (each.z >= bottom)])
-    known = np.concatenate(indices)
-    return TYPES[int(np.searchsorted(LIMITS, np.median(known)))] if known.size else None
+        own = types_of(each, stresses)
+        types.append(own[(own >= 0) & (each.z < top) & (each.z >= bottom)])
+    known = np.sort(np.concatenate(types))
+    return TYPES[int(known[known.size // 2])] if known.size else None
 
 
 def require_elevations(soundings: list[Sounding]) -> None:
