@@ -46,6 +46,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # no test reads where in Python an operation was written
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes to stderr about tuning flags of entries that it reads
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # on small matrices threads of busy cores wait for each other
 STARTED = SESSION not in os.environ
 os.environ.setdefault(SESSION, f"{os.getpid()}-{time.time_ns()}")
 

@@ -76,9 +76,31 @@ class Model:
             second: (d, m) m.
             lengths: horizontal, if there is one, and vertical (m).
         """
-        product = np.asarray(self.correlation(float(lengths[-1]))(first[-1][:, None] - second[-1][None, :]))
+        along = self.along(first, second, lengths[0] if len(lengths) > 1 else None)
+        return self.upright(first, second, lengths[-1]) * along
+
+    def upright(self, first: HostArray, second: HostArray, length: float) -> HostArray:
+        """Correlation (n, m) of the vertical distance of points.
+
+        Args:
+            first: (d, n) m.
+            second: (d, m) m.
+            length: vertical (m).
+        """
+        return np.asarray(self.correlation(float(length))(first[-1][:, None] - second[-1][None, :]))
+
+    def along(self, first: HostArray, second: HostArray, length: float | None) -> HostArray | float:
+        """Correlation (n, m) of the horizontal distance of points, 1 where they have none.
+
+        Args:
+            first: (d, n) m.
+            second: (d, m) m.
+            length: horizontal (m); None for no correlation between soundings.
+        """
+        product: HostArray | float = 1.0
         for one, other in zip(first[:-1], second[:-1], strict=True):
             lag = one[:, None] - other[None, :]
-            alone = len(lengths) == 1
-            product = product * (np.abs(lag) <= SAME_POSITION if alone else self.correlation(float(lengths[0]))(lag))
-        return product
+            product = product * (
+                np.abs(lag) <= SAME_POSITION if length is None else self.correlation(float(length))(lag)
+            )
+        return np.asarray(product) if len(first) > 1 else product

@@ -130,11 +130,43 @@ def test_few_data_leave_lengths_unknown_with_a_reason():
     assert fit_field(points, slow, nugget=0.0).vertical.high > 12
 
 
+def _common(random, positions, profile):
+    """Values whose scatter is independent from sounding to sounding, about a profile that all share."""
+    points = np.array([(x, -d) for x in positions for d in DEPTH]).T
+    scores = np.concatenate([_field(random, np.stack([DEPTH]), (1.0,))[:, 0] for _ in positions])
+    return points, 20e3 * np.exp(0.2 * scores) * profile(-points[1])
+
+
+@pytest.mark.parametrize("profile", [lambda d: 1 + 2 * np.exp(-d), lambda d: np.where(d < 5, 1.0, 2.5)])
+def test_a_profile_that_soundings_share_is_no_correlation_along_the_ground(profile):
+    """Of two soundings it cannot be told; of four, 6 m apart, the length is short, and no trend is needed for it."""
+    random = np.random.default_rng(8)
+    points, values = _common(random, (0.0, 32.0), profile)
+    two = fit_field(points, values)
+    assert two.horizontal is None
+    assert "two soundings cannot tell" in two.unknown["horizontal"]
+    points, values = _common(random, (0.0, 6.0, 12.0, 18.0), profile)
+    assert fit_field(points, values).horizontal.high < 20
+
+
+def test_correlation_along_the_ground_is_found_beside_a_profile():
+    random = np.random.default_rng(9)
+    lows, highs = [], []
+    for _ in range(4):
+        points, values = _site(random, (0.0, 6.0, 15.0, 28.0, 40.0), trend=0.0)
+        fit = fit_field(points, values * (1 + 2 * np.exp(points[1])), nugget=0.0)
+        lows.append(fit.horizontal.low)
+        highs.append(fit.horizontal.high)
+    assert sum(low < 20 < high for low, high in zip(lows, highs, strict=True)) >= 3
+    assert np.median(lows) > 4
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda points, values: (points[:, :7], values[:7]), "give at least 8"),
         (lambda points, values: (points, np.full(values.size, 5.0)), "no random field"),
+        (lambda points, values: (points, 5 + 1e-5 * values / values.max()), "neither variation nor lengths"),
         (lambda points, values: (points, np.where(values > values.mean(), np.nan, values)), "leave gaps out"),
         (lambda points, values: (points, -values), "above 0"),
         (lambda points, values: (points[:, :9], values), "shape"),
@@ -145,3 +177,10 @@ def test_data_that_tell_nothing_are_refused(change, message):
     points, values = _site(np.random.default_rng(7), (0.0, 9.0))
     with pytest.raises(ValueError, match=message):
         fit_field(*change(points, values))
+
+
+def test_values_on_a_line_over_depth_have_no_scatter():
+    points = np.stack([np.zeros(20), -np.linspace(0, 6, 20)])
+    for marginal in (kl.Lognormal, kl.Normal):
+        with pytest.raises(ValueError, match="about a line over depth"):
+            fit_field(points, 35e3 + 1286 * points[1], depth=-points[1], marginal=marginal)
