@@ -339,7 +339,18 @@ class GridModel:
             self.soil.marginal(layer, name, sample, stops) for layer, stops in zip(layers, of_layer, strict=True)
         )
         which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
-        return _values(fields, which, marginals, self.growth[name], self.layer)
+        grown = tuple(
+            _times(growth, self.soil.factor(layer, sample))
+            for growth, layer in zip(self.growth[name], layers, strict=True)
+        )
+        return _values(fields, which, marginals, grown, self.layer)
+
+
+def _times(growth: jax.Array | None, factor: jax.Array | None) -> jax.Array | None:
+    """The product, of which None is no factor."""
+    if growth is None or factor is None:
+        return factor if growth is None else growth
+    return growth * factor.astype(growth.dtype)
 
 
 @partial(jax.jit, static_argnames="which")

@@ -1,7 +1,8 @@
 """The random parameters of a scene's soil, their expansions, and which coefficients are whose.
 
 Parameters that correlate share an expansion and are made from independent fields of it; their borehole values condition
-all of them together, since a value of one informs the others.
+all of them together, since a value of one informs the others. These values hold but for a factor that a sample may
+multiply fields and values by alike, as an uncertain cone factor does.
 """
 
 from __future__ import annotations
@@ -99,11 +100,13 @@ class RandomSoil:
         others: coefficients beside those of fields, which come last: the score of a water level.
         uncertain: fields whose mean and coefficient of variation each sample draws, with the layer at which they stop;
             the first coefficients of a sample, two for each, are their scores.
+        factors: 1 where a factor multiplies whole fields, whose score is the next coefficient; else 0.
     """
 
     groups: tuple[Group, ...]
     others: int = 0
     uncertain: tuple[tuple[int | None, str, RandomField], ...] = ()
+    factors: int = 0
 
     @property
     def modes(self) -> int:
@@ -114,7 +117,7 @@ class RandomSoil:
     def of_fields(self) -> int:
         """Number of them that are of fields."""
         modes = sum(len(group.names) * group.expansion.modes for group in self.groups)
-        return modes + 2 * len(self.uncertain)
+        return modes + 2 * len(self.uncertain) + self.factors
 
     def scores(self, sample: jax.Array | np.ndarray, layer: int | None) -> dict[str, jax.Array]:
         """Scores (2,) of mean and coefficient of variation of each uncertain field that stops at a layer.
@@ -141,6 +144,17 @@ class RandomSoil:
             return kl.Normal(field, 0.0)
         scores = self.scores(sample, stops).get(name)
         return field.drawn(scores) if scores is not None and field.uncertain else field.distribution
+
+    def factor(self, field: RandomField | float, sample: jax.Array | np.ndarray) -> jax.Array | None:
+        """What multiplies a parameter everywhere in a layer, measured values included; None for nothing.
+
+        Args:
+            field: of the parameter there, or its number where it does not vary.
+            sample: (modes,) of the sample.
+        """
+        if not isinstance(field, RandomField) or field.factor_cov == 0:
+            return None
+        return field.factor(jnp.asarray(sample)[2 * len(self.uncertain)])
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -235,9 +249,12 @@ def _random_soil(
         for (part, names), count in zip(members, counts or (None,) * len(members), strict=True)
     ]
     uncertain = tuple((part[0], name, field) for part in parts for name, field in part[1] if field.uncertain)
+    factors = int(any(field.factor_cov > 0 for part in parts for _, field in part[1]))
+    first = 2 * len(uncertain) + factors
     return RandomSoil(
-        tuple(groups if len(groups) == 1 and not uncertain else _placed(groups, 2 * len(uncertain))),
+        tuple(groups if len(groups) == 1 and not first else _placed(groups, first)),
         uncertain=uncertain,
+        factors=factors,
     )
 
 

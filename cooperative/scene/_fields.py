@@ -55,6 +55,8 @@ class RandomField:
             "layer", or at an elevation (m), above which soil has no trend.
         mean_error: standard error of the mean, by which each sample has its own; 0 for a mean that is known.
         cov_error: standard error of cov, likewise.
+        factor_cov: coefficient of variation of one factor of mean 1 that multiplies the parameter everywhere, measured
+            values included; 0 for none.
     """
 
     mean: float
@@ -74,6 +76,7 @@ class RandomField:
     trend_from: Literal["surface", "layer"] | float = "surface"
     mean_error: float = 0.0
     cov_error: float = 0.0
+    factor_cov: float = 0.0
 
     @property
     def uncertain(self) -> bool:
@@ -93,6 +96,14 @@ class RandomField:
             for (value, error), score in zip(pairs, scores, strict=True)
         )
         return self.marginal(mean, cov)
+
+    def factor(self, score: Array | np.ndarray | float) -> Array:
+        """What a sample's parameter is multiplied by everywhere, lognormal of mean 1.
+
+        Args:
+            score: standard normal, of any shape.
+        """
+        return kl.Lognormal(1.0, self.factor_cov).transform(jnp.asarray(score))
 
     @property
     def distribution(self) -> Marginal:
@@ -123,8 +134,10 @@ class RandomField:
     def extremes(self, span: Span) -> tuple[float, float]:
         """Least and largest value within `TAIL` deviations, in ground between two elevations (m)."""
         at = np.asarray(self.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
-        ends = [float(value) for value in np.outer(at[[0, 2]], [1.0, self.grown(self.deepest(span))]).ravel()]
-        return min(ends), max(ends)
+        ends = np.outer(at[[0, 2]], [1.0, self.grown(self.deepest(span))])
+        if self.factor_cov > 0:
+            ends = np.multiply.outer(ends, np.asarray(self.factor(np.array([-TAIL, TAIL])), float))
+        return float(ends.min()), float(ends.max())
 
     def check(self, where: str, limit: Limit, span: Span) -> None:
         """Check that values stay within the limits of the parameter.

@@ -152,7 +152,7 @@ def _soil_of_layer(
         if isinstance(value, tables.Table):
             stops = _of_its_own(layer, name)
             # Measured values, and errors of estimates, are of one field.
-            left_out = ("boreholes", "borehole_error", "mean_error", "cov_error") if stops else ()
+            left_out = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov") if stops else ()
             below = whole.get(name)
             inherited = _given(below) if isinstance(below, tables.Table) else {}
             merged[name] = {key: each for key, each in inherited.items() if key not in left_out} | _given(value)

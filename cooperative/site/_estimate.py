@@ -36,6 +36,7 @@ from cooperative.soundings import (
 from foundation import check
 from jaxmpm.soil import soil_limits
 from kl.estimation import FieldFit, Interval, fit_field, interval_of
+from kl.marginal import Lognormal
 
 UNDRAINED = ("clay", "peat")
 """Types of soil that have an undrained strength; others have an angle of friction."""
@@ -68,8 +69,8 @@ class SiteLayerFit:
         conditioning: numbers of the points that condition the field.
         fit: estimates with intervals.
         mean: at the top, with the scatter of the cone factor.
-        mean_error: standard error by which the mean and its trend are uncertain together.
-        scatter: of the cone factor, over its mean.
+        mean_error: standard error by which the mean and its trend are uncertain together, the cone factor apart.
+        scatter: of the cone factor, over its mean, by which all values are uncertain together.
         young: stiffness (Pa) that the table proposes.
         remarks: in words.
     """
@@ -231,8 +232,9 @@ def _fit(
         raise SiteError(f"{where}: {error}") from error
     mean_factor, deviation = assumed.n_kt if parameter == "strength" and soundings and assumed.n_kt else (1.0, 0.0)
     scatter = deviation / mean_factor
-    factors = np.exp(scatter * np.random.default_rng(0).standard_normal(fit.draws.mean.size))
-    middle = interval_of(factors * (fit.draws.mean + fit.draws.trend * float(np.mean(layer.top - points[-1]))))
+    scores = np.random.default_rng(0).standard_normal(fit.draws.mean.size)
+    factors = np.asarray(Lognormal(1.0, scatter).transform(scores)) if scatter else 1.0
+    middle = interval_of(fit.draws.mean + fit.draws.trend * float(np.mean(layer.top - points[-1])))
     mean = interval_of(factors * fit.draws.mean)
     young = 500 * mean.value if parameter == "strength" else 2.5 * float(np.median(cones))
     remarks = tuple(_remarks(layer, parameter, soundings, measured, assumed, values.size))
@@ -241,7 +243,7 @@ def _fit(
         check.warn(f"{where}: {odd}")
     return SiteLayerFit(
         name, layer.top, layer.bottom, parameter, points, values, _spread(points, fit, assumed.base), fit, mean,
-        mean.value * middle.error / middle.value, scatter, young, remarks,
+        fit.mean.value * middle.error / middle.value, scatter, young, remarks,
     )  # fmt: skip
 
 

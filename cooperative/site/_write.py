@@ -91,8 +91,10 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
             yield "cohesion = 1e3    # Pa, a guess"
         yield ""
         yield f"[layer.{layer.parameter}]    # 95 % intervals in estimates.csv"
-        yield f"mean = {layer.mean.value:.4g}    # at {layer.top:.2f} m"
+        yield f"mean = {fit.mean.value:.4g}    # at {layer.top:.2f} m"
         yield f"mean_error = {layer.mean_error:.3g}"
+        if layer.scatter:
+            yield f"factor_cov = {layer.scatter:.3g}    # of N_kt, for all readings and the field alike"
         yield f"cov = {fit.cov.value:.3g}"
         yield f"cov_error = {fit.cov.error:.2g}"
         yield f"marginal = {toml_value(marginal_of(layer.parameter, site.assumed))}"

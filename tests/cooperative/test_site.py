@@ -191,6 +191,10 @@ base = -5.0
     random = parse(tmp_path / "scene.toml").site.layers[0].random["strength"]
     assert len(random.boreholes) == len(rows)
     assert random.mean_error > 0 < random.cov_error
+    assert random.factor_cov == pytest.approx(2 / 15, abs=1e-3)
+    # The factor's share of the uncertainty is not in that of the mean, too.
+    assert random.mean == pytest.approx(clay.fit.mean.value, rel=1e-3)
+    assert random.mean_error / random.mean < clay.mean.error / clay.mean.value
 
 
 def test_surface_makes_it_a_whole_scene(tmp_path):
@@ -374,6 +378,56 @@ def test_each_sample_draws_its_mean_and_honours_what_was_measured(tmp_path):
     assert known.groups[0].indices is None
     with pytest.raises(ValueError, match="need marginal = 'lognormal' or 'normal'"):
         parse(_scene(tmp_path, 'marginal = "gumbel"\nmean_error = 8e3'))
+
+
+def test_an_uncertain_cone_factor_moves_readings_and_field_alike(tmp_path):
+    """At a reading strength varies by the factor's cov, else it would be known better than the instrument is."""
+    keys = "boreholes = [[X, Z, 35e3]]\nborehole_error = 0.01\n"
+    at = runs.build(parse(TINY), "rough", runs.random_soil(parse(TINY))).scene.particles.position[:, 40]
+    keys = keys.replace("X", repr(float(at[0]))).replace("Z", repr(float(at[1])))
+    known, uncertain = parse(_scene(tmp_path, keys)), parse(_scene(tmp_path, f"{keys}factor_cov = 0.2"))
+    draws = np.random.default_rng(11).standard_normal((300, 1 + runs.random_soil(known).modes)).astype(np.float32)
+    values = {}
+    for name, campaign, used in (("known", known, draws[:, 1:]), ("uncertain", uncertain, draws)):
+        soil = runs.random_soil(campaign)
+        assert soil.modes == used.shape[1]
+        model = runs.build(campaign, "rough", soil)
+        values[name] = np.array([np.asarray(model.strength(sample)) for sample in used])
+    # The factor's score is the first coefficient, and the field is what it is without.
+    factor = np.asarray(kl.Lognormal(1.0, 0.2).transform(draws[:, 0]))
+    np.testing.assert_allclose(values["uncertain"], factor[:, None] * values["known"], rtol=1e-4)
+    here = values["uncertain"][:, 40]
+    assert values["known"][:, 40].std() < 0.02 * 35e3
+    np.testing.assert_allclose(here.mean(), 35e3, rtol=0.05)
+    np.testing.assert_allclose(here.std() / here.mean(), 0.2, rtol=0.15)
+    with pytest.raises(ValueError, match="factor_cov"):
+        parse(_scene(tmp_path, "factor_cov = 1.5"))
+
+
+def test_layers_share_the_draw_of_the_cone_factor(tmp_path):
+    """Two fields that stop at layers, and one whose strength was not measured by the cone."""
+    layer = "[[layer]]\nname = '{name}'\n{bottom}[layer.strength]\nmean = 30e3\ncov = 0.0\nlength = [20.0, 2.0]\n{own}"
+    drawn = "".join(
+        layer.format(name=name, bottom=bottom, own=own)
+        for name, bottom, own in (
+            ("a", "bottom = [[-100, 2.0], [100, 2.0]]\n", "factor_cov = 0.1\n"),
+            ("b", "bottom = [[-100, 1.0], [100, 1.0]]\n", "factor_cov = 0.2\n"),
+            ("c", "", ""),
+        )
+    )
+    path = tmp_path / "scene.toml"
+    ground = "[ground]\nsurface = [[0, 10], [8, 10], [16, 2], [32, 2]]\n"
+    begin = TINY.replace(TINY[TINY.index("[slope]") : TINY.index("[soil]")], ground)
+    path.write_text(f"{begin}\n{drawn}")
+    campaign = parse(path)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil)
+    sample = np.zeros(soil.modes, np.float32)
+    sample[0] = 1.5
+    strength, number = np.asarray(model.strength(sample)), np.asarray(model.layer)
+    for layer, cov in enumerate((0.1, 0.2, 0.0)):
+        factor = float(kl.Lognormal(1.0, cov).transform(1.5)) if cov else 1.0
+        np.testing.assert_allclose(strength[number == layer], 30e3 * factor, rtol=1e-4)
 
 
 def test_means_of_samples_have_the_standard_error_that_is_given():

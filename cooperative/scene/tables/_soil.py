@@ -184,6 +184,7 @@ OF_A_FIELD = (
     "borehole_error",
     "mean_error",
     "cov_error",
+    "factor_cov",
 )
 """What a layer gives only of a field of its own, which stops at it: its length at least."""
 

@@ -153,6 +153,13 @@ class Varying(Table):
         units="Pa",
     )
     cov_error: FromZero = key("Standard error of `cov`, likewise.", 0.05, 0.0)
+    factor_cov: Annotated[float, Within(Limit(least=0, most=1))] = key(
+        "Coefficient of variation of one factor of mean 1 that multiplies the parameter everywhere, measured values "
+        "included: that of the cone factor N_kt by which they were measured. Each sample draws it once, lognormal, for "
+        "all fields that have it.",
+        0.15,
+        0.0,
+    )
 
     @validates(mode="after")
     def _bounds(self) -> Self:
