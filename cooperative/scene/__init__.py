@@ -3,7 +3,7 @@
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
-from cooperative.scene._files import to_toml, toml_value
+from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
     factors_of_safety,
     failing_volume,
@@ -47,6 +47,7 @@ __all__ = [
     "Calibration",
     "Campaign",
     "CrossCorrelation",
+    "Files",
     "Given",
     "Hazard",
     "LimitLoad",

@@ -351,12 +351,22 @@ def _check_boreholes(campaign: Campaign) -> None:
             continue
         positions = np.array([row[:-1] for row in varies.boreholes]).T
         at = campaign.site.layer_of(positions, campaign.grids["refined"])
-        for row, layer in zip(varies.boreholes, [] if at is None else at, strict=True):
-            if (int(layer) if name in layers[layer].own else None) != number:
-                raise ValueError(
-                    f"a borehole value of {name} at {list(row[:-1])} m lies in {layers[layer].name}, to whose field it "
-                    "does not belong: give it to the field of that layer, or to one that goes through it"
-                )
+        if at is None:
+            continue
+        own = [int(layer) if name in layers[layer].own else None for layer in at]
+        wrong = [k for k, layer in enumerate(own) if layer != number]
+        heights = campaign.site.shape.heights(*positions[:-1])
+        if above := [k for k in wrong if positions[-1, k] > heights[k]]:
+            raise ValueError(
+                f"{len(above)} of {len(own)} borehole values of {name} lie above the surface of the ground, such as "
+                f"that at {positions[:, above[0]].tolist()} m: leave them out; jaxmpm site --section does so"
+            )
+        if wrong:
+            raise ValueError(
+                f"{len(wrong)} of {len(own)} borehole values of {name} lie in other layers, to whose field they do not "
+                f"belong, such as that at {positions[:, wrong[0]].tolist()} m in {layers[at[wrong[0]]].name}: give "
+                "them to the field of that layer, or to one that goes through it"
+            )
 
 
 def check_failure(campaign: Campaign) -> None:

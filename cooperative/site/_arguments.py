@@ -11,6 +11,7 @@ from cooperative.scene import national_origin
 from cooperative.scene.tables import CORRELATIONS
 from cooperative.site._assumed import Assumed
 from cooperative.site._estimate import estimate_site
+from cooperative.site._section import read_section
 from cooperative.site._write import words, write_site
 from cooperative.soundings import SiteError
 from foundation.text import printable
@@ -48,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--surface", type=Path, metavar="RASTER", help="heights of the ground, for a whole scene: ASCII grid or GeoTIFF"
     )
     parser.add_argument(
+        "--section", type=Path, metavar="TOML", help="scene with [ground] and without soil, for a whole scene"
+    )
+    parser.add_argument(
         "--base", type=float, metavar="Z", help="elevation of the scene's base: none below conditions it"
     )
     parser.add_argument("--marginal", choices=("lognormal", "normal"), default="lognormal", help="(%(default)s)")
@@ -68,14 +72,17 @@ def answer(given: argparse.Namespace) -> list[str]:
     Raises:
         ValueError: files or numbers that cannot be used.
     """
+    if given.section is not None and given.surface is not None:
+        raise SiteError("--section is ground of a section and --surface that of a terrain: give one of them")
     units = dict(each.partition("=")[::2] for each in given.units)
     line = None if given.line is None else (tuple(given.line[:2]), tuple(given.line[2:]))
     origin = given.origin
     if origin is None and given.surface is not None and line is None:
         origin = national_origin(read_raster(given.surface))
+    section = None if given.section is None else read_section(given.section)
     assumed = Assumed(
         cone_factor(given.n_kt), given.unit_weight, given.water, given.marginal, given.correlation, line,
-        tuple(origin or (0.0, 0.0)), given.base, given.area_ratio,
+        tuple(origin or (0.0, 0.0)), given.base, given.area_ratio, section,
     )  # fmt: skip
     site = estimate_site(given.files, assumed, boundaries=given.layers, units=units, progress=_told)
     return [words(site), *map(str, write_site(site, given.out, given.surface))]

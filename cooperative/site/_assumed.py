@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from cooperative.site._section import Section
 from cooperative.soundings import SiteError, Stresses, Values
 from foundation import check
 from jaxmpm.soil import unit_slip
@@ -24,6 +26,7 @@ class Assumed:
         line: start and end [x, y] (m) of a section; positions are projected on it. None for 3D.
         origin: position [x, y] (m) that is subtracted in 3D.
         base: elevation (m) of the base of the scene, below which no value conditions the field; None for none.
+        section: whose ground holds what conditions the field, and begins the scene; None for none.
         area_ratio: net area ratio of cones whose file has none beside u_2; None for none.
 
     Raises:
@@ -39,6 +42,7 @@ class Assumed:
     origin: tuple[float, float] = (0.0, 0.0)
     base: float | None = None
     area_ratio: float | None = None
+    section: Section | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers that no reader looks at."""
@@ -52,6 +56,15 @@ class Assumed:
             raise SiteError(f"area_ratio = {self.area_ratio:g}: cones have 0.3 to 1, such as 0.8; 1 takes q_c for q_t")
         if self.line is not None and self.line[0] == self.line[1]:
             raise SiteError(f"line = {self.line} starts and ends at one point: give two points of the section")
+
+    def in_ground(self, points: Values) -> npt.NDArray[np.bool_]:
+        """Which points (d, n) m may condition the field.
+
+        Args:
+            points: of the scene, the last axis vertical.
+        """
+        above = np.ones(points.shape[1], bool) if self.base is None else points[-1] >= self.base
+        return above if self.section is None else above & self.section.inside(points)
 
     @property
     def stresses(self) -> Stresses:

@@ -137,6 +137,8 @@ def estimate_site(
     soundings, measured = read_files([Path(each) for each in paths], units)
     soundings = [_with_ratio(each, assumed.area_ratio) for each in soundings]
     require_elevations(soundings)
+    if assumed.section is not None:
+        _require_section(soundings, measured, assumed)
     _require_alike(soundings, measured)
     layers = _layers(soundings, measured, assumed, boundaries)
     inner = {each.bottom for each in layers[:-1]}
@@ -169,6 +171,22 @@ def _with_ratio(sounding: Sounding, ratio: float | None) -> Sounding:
     """The sounding with an area ratio, where its file has none."""
     lacks = sounding.area_ratio is None and sounding.corrected is None
     return replace(sounding, area_ratio=ratio) if lacks else sounding
+
+
+def _require_section(soundings: list[Sounding], measured: list[Measured], assumed: Assumed) -> None:
+    """Raise SiteError for positions in 3D beside a section, or of which none lies between its walls."""
+    assert assumed.section is not None
+    low, *_, high = assumed.section.surface[0]
+    x = np.concatenate([np.atleast_1d(each.x) for each in (*soundings, *measured)])
+    y = np.concatenate([np.atleast_1d(each.y) for each in (*soundings, *measured)])
+    placed = assumed.placed(x, y)
+    if len(placed) > 1:
+        raise SiteError(f"{assumed.section.path} is a section, the files have x and y: give --line, on which they lie")
+    if not ((placed[0] >= low) & (placed[0] <= high)).any():
+        raise SiteError(
+            f"no position lies in {assumed.section.path}, from x = {low:g} to {high:g} m, but from "
+            f"{placed[0].min():g} to {placed[0].max():g} m: is --line that of the section?"
+        )
 
 
 def _require_alike(soundings: Sequence[Sounding], measured: Sequence[Measured]) -> None:
@@ -237,12 +255,16 @@ def _fit(
     middle = interval_of(fit.draws.mean + fit.draws.trend * float(np.mean(layer.top - points[-1])))
     mean = interval_of(factors * fit.draws.mean)
     young = 500 * mean.value if parameter == "strength" else 2.5 * float(np.median(cones))
+    used = assumed.in_ground(points)
+    conditioning = _spread(points, fit, used)
     remarks = tuple(_remarks(layer, parameter, soundings, measured, assumed, values.size))
+    if outside := int((~used).sum()):
+        remarks = (*remarks, f"{outside} values beside the ground or above its surface do not condition the field")
     if odd := _implausible(parameter, middle.value, fit.cov.value):
         remarks = (*remarks, odd)
         check.warn(f"{where}: {odd}")
     return SiteLayerFit(
-        name, layer.top, layer.bottom, parameter, points, values, _spread(points, fit, assumed.base), fit, mean,
+        name, layer.top, layer.bottom, parameter, points, values, conditioning, fit, mean,
         fit.mean.value * middle.error / middle.value, scatter, young, remarks,
     )  # fmt: skip
 
@@ -309,14 +331,13 @@ def _parameter(sounding: Sounding, parameter: str, assumed: Assumed) -> Values:
     return strength_of(sounding, assumed.stresses, assumed.n_kt[0])
 
 
-def _spread(points: Values, fit: FieldFit, base: float | None) -> np.ndarray:
+def _spread(points: Values, fit: FieldFit, used: np.ndarray) -> np.ndarray:
     """Numbers of the points (d, n) m that condition the field: a quarter of the vertical length apart, or farther."""
-    above = points[-1] >= (-math.inf if base is None else base)
     apart = fit.vertical.value / 4
     while True:
         chosen = []
         for position in np.unique(points[:-1], axis=1).T:
-            own = np.flatnonzero((points[:-1] == position[:, None]).all(axis=0) & above)
+            own = np.flatnonzero((points[:-1] == position[:, None]).all(axis=0) & used)
             own = own[np.argsort(-points[-1, own])]
             chosen.append(own[thinned(points[-1, own], np.ones(own.size, bool), apart)])
         numbers = np.concatenate(chosen)

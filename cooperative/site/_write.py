@@ -17,6 +17,7 @@ from cooperative.site._assumed import Assumed
 from cooperative.site._estimate import SiteEstimate, SiteLayerFit, marginal_of
 from cooperative.site._figure import site_figure
 from cooperative.site._scene import scene_lines, surface_beside
+from foundation import check
 from foundation.files import write_aside
 from foundation.text import csv_text
 from kl.estimation import Interval
@@ -44,11 +45,21 @@ def write_site(site: SiteEstimate, folder: Path, surface: Path | None = None) ->
     for path, data in copies.items():
         write_aside(path, data)
         written.append(path)
-    for layer in site.layers:
+    for layer in _drawn(site):
+        if not layer.conditioning.size:
+            continue
         path = folder / _file(layer)
         write_aside(path, _rows(layer).encode())
         written.append(path)
     texts = {"site.toml": "\n".join(_toml(site)) + "\n", "estimates.csv": _estimates(site)}
+    section = site.assumed.section
+    if section is not None and section.beside and section.path.parent.resolve() != folder.resolve():
+        check.warn(
+            f"scene.toml is not written, since {section.path} names files beside it, {', '.join(section.beside[:3])}: "
+            "give its folder as --out, or append site.toml to it"
+        )
+    elif section is not None:
+        texts["scene.toml"] = f"{section.text.rstrip()}\n\n{texts['site.toml']}"
     if surface is not None:
         texts["scene.toml"] = "\n".join(head) + texts["site.toml"]
     for name, text in texts.items():
@@ -75,14 +86,16 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
     """The tables of a scene."""
     yield f"# Layers of {len(site.soundings)} soundings, for a scene with [ground] or [terrain], in its elevations."
     yield "# Look at each boundary and at young, poisson and cohesion, which are no results of the soundings."
-    for number, layer in enumerate(site.layers, 1):
+    drawn, section = _drawn(site), site.assumed.section
+    for number, layer in enumerate(drawn, 1):
         fit = layer.fit
         yield ""
         yield from (f"# {remark}" for remark in layer.remarks)
         yield "[[layer]]"
         yield f"name = {toml_value(layer.name)}"
-        if number < len(site.layers):
-            yield f"bottom = [[-1e5, {layer.bottom:.2f}], [1e5, {layer.bottom:.2f}]]"
+        if number < len(drawn):
+            level = f"[[-1e5, {layer.bottom:.2f}], [1e5, {layer.bottom:.2f}]]"
+            yield f"bottom = {level if section is None else section.bottom(layer.bottom)}"
         yield f"unit_weight = {site.assumed.unit_weight:g}    # N/m3"
         source = "500 s_u" if layer.parameter == "strength" else "2.5 q_c"
         yield f"young = {layer.young:.2g}    # Pa, {source}, a guess"
@@ -109,8 +122,15 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
         yield f"length = [{', '.join(f'{each:.3g}' for each in lengths)}]"
         yield f"correlation = {toml_value(site.assumed.correlation)}"
         yield "energy = 0.95"
-        yield f"boreholes = {toml_value(_file(layer))}"
-        yield f"borehole_error = {layer.error:.2g}"
+        if layer.conditioning.size:
+            yield f"boreholes = {toml_value(_file(layer))}"
+            yield f"borehole_error = {layer.error:.2g}"
+
+
+def _drawn(site: SiteEstimate) -> list[SiteLayerFit]:
+    """The layers that have ground in the section, all without one."""
+    section, (*upper, last) = site.assumed.section, site.layers
+    return [*(each for each in upper if section is None or section.holds(each.bottom)), last]
 
 
 def _horizontal(layer: SiteLayerFit, assumed: Assumed) -> tuple[float, list[float]]:

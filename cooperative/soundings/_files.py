@@ -352,7 +352,6 @@ def read_rows(path: Path) -> list[list[float]]:
     """
     if not path.is_file():
         raise SiteError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
-    _check_bounds(path)
     _, measured = _csv(path, {})
     if len(measured) != 1:
         raise SiteError(f"{path} has {len(measured)} columns of parameters: a field has values of one, leave one")
