@@ -19,7 +19,7 @@ from cooperative.estimate import (
 )
 from cooperative.measure import EDGE
 from cooperative.runs import phases_of, warnings_of
-from cooperative.scene import Campaign
+from cooperative.scene import Campaign, doubts
 from cooperative.store import Rows, mixed_versions
 from cooperative.values import Convergence, MoreRuns, OtherEstimate, StandsFor, Summary
 
@@ -219,8 +219,10 @@ def notes_of(
     if load is not None:
         notes.append(
             f"a slope fails when {campaign.least_volume or 'any soil'} moves {load.displacement:g} m, the displacement "
-            f"of median soil at its limit load (factor of safety {load.factor:.3f})"
+            f"of median soil at its limit load (factor of safety {load.factor:.3f}"
+            + (")" if load.sharpness is None else f", displacement grows {load.sharpness:.3g} times as fast beyond)")
         )
+        notes += doubts(load, campaign.least_volume or "any soil")
     notes += [*_loads(campaign), *_other_face(campaign), *phases.estimate.notes, *walls_reached(rough, refined)]
     if campaign.raised is not None:
         allowed = campaign.raised

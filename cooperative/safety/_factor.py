@@ -13,7 +13,7 @@ import jaxmpm
 from cooperative.runs import GridModel, build, coefficients_of, random_soil
 from cooperative.safety._search import Critical, critical_surface
 from cooperative.safety._slices import SHALLOWEST, Slices, Strength
-from cooperative.scene import Campaign, Site, failing_volume, limit_load_factor
+from cooperative.scene import Campaign, Site, doubts, failing_volume, limit_load_factor
 from foundation import check
 from jaxmpm import Layer, Raster, Scene, Section, State
 from jaxmpm.ground import as_section
@@ -50,6 +50,8 @@ class Safety:
         failing: scene and state of the slope, just beyond its limit load.
         notes: why one of them is missing.
         reasons: why they differ.
+        doubts: why the solver's is not the whole answer.
+        unit: of volumes.
     """
 
     soil: str
@@ -64,6 +66,8 @@ class Safety:
     failing: tuple[Scene, State] | None = None
     notes: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    unit: str = "m2"
 
     @property
     def difference(self) -> float | None:
@@ -119,7 +123,8 @@ def factor_of_safety(
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
     coefficients = None if sample is None else coefficients_of(campaign, soil)[sample]
     size = f"{grid} grid, cells of {campaign.grids[grid].cell:g} m"
-    result = Safety("median soil" if sample is None else f"soil of sample {sample}", tuple(loads), size)
+    unit = "m3" if campaign.dimension == 3 else "m2"
+    result = Safety("median soil" if sample is None else f"soil of sample {sample}", tuple(loads), size, unit=unit)
     model = build(campaign, grid, soil, at_rest=False)
     result = _by_slices(result, model, coefficients)
     if not solver and result.equilibrium is None:
@@ -235,11 +240,13 @@ def _by_solver(result: Safety, model: GridModel, coefficients: np.ndarray | None
             raise
         return replace(result, notes=(*result.notes, f"the solver gives no factor of safety: {error}"))
     assert answer.kink is not None
-    beyond = jaxmpm.reduced(scene, answer.kink * (1 + BESIDE))
+    # As stiff as the limit load's own runs: elastic displacement of soft soil would hide what slides.
+    beyond = jaxmpm.reduced(jaxmpm.run.limit_load_scene(scene), answer.kink * (1 + BESIDE))
     moving = jaxmpm.solve(
         beyond, state, t_end=campaign.run.t_end, settle=jaxmpm.Settle(), stop_at=campaign.site.height / 4
     )
-    result = replace(result, solver=answer, failing=(beyond, moving.state))
+    remarks = tuple(doubts(answer, f"{failing_volume(campaign):g} {result.unit}"))
+    result = replace(result, solver=answer, failing=(beyond, moving.state), doubts=remarks)
     return replace(result, reasons=tuple(_reasons(result, model)))
 
 
@@ -265,6 +272,10 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
         yield f"{', '.join(thin)} is thinner than its cells resolve, and too strong there: take smaller cells"
     if not higher and any(soil.softens for soil in soils if hasattr(soil, "softens")):
         yield "soil softens in the solver, while limit equilibrium has its peak strength on the whole surface"
+    if not higher and any(
+        getattr(soil, "tension_cutoff", None) == 0 and getattr(soil, "strength", None) for soil in soils
+    ):
+        yield "clay opens in tension in the solver, while limit equilibrium has it pull behind the crest"
     contact = getattr(site.shape, "interface", None)
     if not higher and contact is not None and contact.slip_length is not None:
         yield "the interface softens in the solver, while limit equilibrium has its strength before slip"
@@ -276,5 +287,3 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
             f"the critical surface is {result.equilibrium.slip.thickness:.2g} m deep, a skin of the face that the "
             f"solver's {failing_volume(campaign):g} m2 of failing soil leaves out"
         )
-    if result.solver is not None and (result.solver.sharpness or 0) < 5:
-        yield "displacement grows evenly with R, and its kink is no sharp limit load"

@@ -38,9 +38,16 @@ def lines_of_solver(result: Safety) -> Iterator[str]:
     answer = result.solver
     if answer is not None and answer.kink is not None:
         yield (
-            f"  solver             {answer.kink:.3f}  limit load, {result.grid}; stands at R = {answer.stable:.3g}, "
-            f"fails at R = {answer.fails:.3g}"
+            f"  solver             {answer.kink:.3f}  limit load, {result.grid}; stands at R = {answer.stable:.4g}, "
+            f"fails at R = {answer.fails:.4g}"
         )
+        if answer.volume is not None and answer.sharpness is not None:
+            yield (
+                f"                            {answer.volume:.3g} {result.unit} "
+                f"moves there, and {answer.sharpness:.2g} times as fast with R as below"
+            )
+    for doubt in result.doubts:
+        yield f"    {doubt}"
     for note in result.notes[int(result.equilibrium is None) :]:
         yield f"  solver             none: {note}"
     if result.difference is not None:

@@ -5,6 +5,7 @@ from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples,
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
 from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
+    doubts,
     factors_of_safety,
     failing_volume,
     limit_load_factor,
@@ -63,6 +64,7 @@ __all__ = [
     "campaign_of",
     "campaigns_of",
     "changed",
+    "doubts",
     "example",
     "examples",
     "factors_of_safety",

@@ -29,12 +29,11 @@ from cooperative.scene._site import Site, SiteLayer, check_site
 from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
+from jaxmpm.run import least_failing_volume
 from jaxmpm.soil import AnySoil
 
 V = TypeVar("V")
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
-SHARE = 0.05
-"""Least volume that counts as a failure where the scene does not give one, over the size of the slope."""
 THICKNESSES = 3.0
 """Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
 
@@ -227,7 +226,7 @@ class Campaign:
     def failing_volume(self) -> float | None:
         """Least volume of soil (m3, in a section m2) whose motion is a failure, None where that of any particle is.
 
-        The same on all grids. Where the run does not give it, SHARE of h^2 in a section and of h^3 in 3D: h is the
+        The same on all grids. Where the run does not give it, that of a square or cube of height h (`jaxmpm.run.least_failing_volume`): h is the
         height of the slope, or THICKNESSES mean thicknesses of the ground where that is less, and no edge of that
         square or cube is longer than the ground. At least a particle of the coarsest grid.
         """
@@ -237,7 +236,7 @@ class Campaign:
         polygon = getattr(shape, "polygon", None)
         area = math.prod(plan) if polygon is None else shapely.Polygon(polygon).area
         height = min(self.site.height, THICKNESSES * ground.volume(shape) / area)
-        volume = SHARE * height * math.prod(min(height, edge) for edge in plan)
+        volume = least_failing_volume(height, 1) * math.prod(min(height, edge) for edge in plan)
         particle = max(math.prod(grid.spacing) for grid in self.grids.values())
         return float(f"{max(volume, particle):.3g}")
 

@@ -9,8 +9,10 @@ their factors of safety, those of the slope of median soil by strength reduction
 
 Limit load: a displacement of 1 m is no failure where soil does not soften; such a slope slides a little and stands
 again. At its limit load the displacement of the slope of median soil turns upwards with the reduction factor, or jumps.
-The geometric mean of its displacements a little below and above that factor is the failure displacement of all samples,
-so that this slope's factor of safety by displacement is that of its limit load.
+That factor depends on strength alone where nothing softens (`jaxmpm.run.limit_load_scene`). The displacement that goes
+with it depends on the stiffness too: samples run with their own, so it is measured with that of the median soil. The
+geometric mean of displacements a little below and above the factor is the failure displacement of all samples, so that
+this slope's factor of safety by displacement is that of its limit load.
 
 Shared audit: campaigns of a sweep refine the same samples (`cooperative.estimate.shared_audit`), drawn by the rough
 results of all.
@@ -20,7 +22,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Protocol
@@ -34,6 +36,9 @@ from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced,
 from jaxmpm.run import FactorOfSafety
 
 NAME = "measured.json"
+
+BLUNT = 5.0
+"""Sharpness of the kink below which there is no clear limit load."""
 
 BESIDE = 0.02
 """How far below and above the factor of the limit load displacements are taken, over that factor."""
@@ -131,7 +136,8 @@ def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
         _displacement(reduced(scene, factor), state, t_end, volume)
         for factor in (result.kink * (1 - BESIDE), result.kink * (1 + BESIDE))
     )
-    return LimitLoad(result.kink, float(f"{math.sqrt(below * above):.3g}"), volume)
+    displacement = float(f"{math.sqrt(below * above):.3g}")
+    return LimitLoad(result.kink, displacement, volume, result.sharpness, result.local)
 
 
 def unshaken(grid: Grid) -> tuple[Scene, State]:
@@ -156,6 +162,26 @@ def failing_volume(campaign: Campaign) -> float:
     if campaign.failing_volume is None:
         raise ValueError("least_volume = 0: any particle moves below a limit load, give more or leave it out")
     return campaign.failing_volume
+
+
+def doubts(answer: FactorOfSafety | LimitLoad, volume: str) -> Iterator[str]:
+    """Why a limit load is not the whole answer.
+
+    Args:
+        answer: factor by the limit load.
+        volume: the least that is a failure, with its unit.
+    """
+    if answer.sharpness is not None and answer.sharpness < BLUNT:
+        yield (
+            f"displacement grows {answer.sharpness:.2g} times as fast beyond the limit load as below, no sharp "
+            "limit: look at what moves"
+        )
+    if answer.local is not None:
+        factor, slip = answer.local
+        yield (
+            f"a slip of {slip:.2g} {volume.split()[-1]} moves at R = {factor:.3g} already; it is smaller than the "
+            f"{volume} that is a failure: give a smaller least_volume where it matters"
+        )
 
 
 def limit_load_factor(

@@ -7,6 +7,7 @@ from jaxmpm.run._columns import Passing, column_shape, passing, with_columns
 from jaxmpm.run._early import Early
 from jaxmpm.run._integrate import Result, solve
 from jaxmpm.run._lanes import lanes
+from jaxmpm.run._limit_load import least_failing_volume, limit_load_scene
 from jaxmpm.run._many import solve_each
 from jaxmpm.run._sensitivity import strength_sensitivity
 from jaxmpm.run._stopping import Settle
@@ -27,6 +28,8 @@ __all__ = [
     "column_shape",
     "factor_of_safety",
     "lanes",
+    "least_failing_volume",
+    "limit_load_scene",
     "passing",
     "reduced",
     "repeat",

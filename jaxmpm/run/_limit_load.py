@@ -1,12 +1,11 @@
-"""Detection of accelerating slopes, and of the kink of displacement over the reduction factor."""
+"""The limit load: stiffness at which it is sought, displacement of lanes, and its kink over the reduction factor."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -15,126 +14,217 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
-from jaxmpm.run._advance import advance_lanes
-from jaxmpm.run._early import check_early, elastic_period
-from jaxmpm.run._integrate import Result
-from jaxmpm.run._stopping import Settle, Watch, farthest, steps_until
+from jaxmpm.laws import declared, with_parameters
+from jaxmpm.run._early import elastic_period
+from jaxmpm.run._integrate import solve
+from jaxmpm.run._stopping import farthest
+from jaxmpm.setup import wave_speed
+from jaxmpm.soil import moduli
 from jaxmpm.types import Scene, State, Status
 
-LOOKS = 4
-"""Looks in the period of the slowest elastic oscillation."""
+YOUNG, POISSON = 1000.0, 0.3
+"""Stiffness at which a limit load is sought: Young's modulus over the weight of soil as high as the ground; Poisson's
+ratio."""
+
+SHARE = 0.05
+"""Least volume that counts as a failure where none is given, over the height of the slope to the power of the
+dimensions."""
+
+FALL, SOFTENING_FALL, SEEN = 3.0, 6.0, 2.0
+"""Time that a mechanism is given to move, where it has to soften first, and the least one that shows it, over
+sqrt(height / g)."""
+
+MOVES, MOST = 10.0, 0.05
+"""Displacement from which the search takes soil to move: elastic ones, weight times height squared over Young's
+modulus; and its largest share of the height."""
+
+FAR = 0.5
+"""Displacement at which a run ends, over the height of the ground."""
+
+COARSE = 1.1
+"""Ratio of the factors between which the search of the kink begins."""
 
 AROUND = (-0.1, -0.06, -0.03, 0.03, 0.06, 0.09)
-"""Factors at which to search the kink, over that at which the slope accelerates, minus 1."""
+"""Factors at which to search the kink, over that at which the slope begins to move, minus 1."""
 
 FOLLOWS = 1.5
-"""Largest displacement of a lane on the branch that stands, over that of the branch."""
+"""Ratio of slopes up to which displacement grows evenly, and of displacements up to which it does not fall."""
 
-ROUNDS, CENTRED = 6, 0.03
+STARTED = 3.0
+"""Elastic displacements from which lanes that grow evenly all move, rather than stand."""
+
+ROUNDS, CENTRED = 8, 0.02
 """Rounds of the search, and the largest distance of the kink from the middle of the lanes, over the factor."""
+
+LOCAL = 0.1
+"""Share of the least volume from which a slip that is smaller is reported."""
+
+
+def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
+    """The scene with the stiffness at which its limit load is sought.
+
+    The limit load of soil that does not soften is one of strength: it depends neither on the moduli nor on the initial
+    stress, while displacement below it is inversely proportional to the modulus. So all soil gets the same modulus, in
+    proportion to weight and height, and displacement below the limit is as small a share of the height in every scene.
+    The time step follows, and the share of PIC, as much in a second as before. Soil or an interface that softens does
+    so by displacements; such a scene keeps its stiffness.
+
+    Args:
+        scene: at rest.
+        young: Young's modulus over the weight of the ground's height.
+
+    Returns:
+        Scene.
+
+    Raises:
+        ValueError: If there is no gravity.
+    """
+    _gravity(scene)
+    if _softens(scene) or not {"bulk", "shear"} <= declared(scene.material).keys():
+        return scene
+    dtype, height = scene.particles.mass.dtype, heights(scene)[0]
+    bulk, shear = (jnp.asarray(each, dtype) for each in moduli(young * _weight(scene) * height, POISSON))
+    material = with_parameters(scene.material, {"bulk": bulk, "shear": shear})
+    # Time steps allow for the sum of the wave speed and that of a fall through half the height.
+    fall = math.sqrt(_gravity(scene) * height)
+    before, after = (fall + wave_speed(scene.particles, each) for each in (scene.material, material))
+    share = before / after
+    flip = None if scene.flip is None else scene.flip**share
+    return replace(scene, material=material, time_step=scene.time_step * share, flip=flip)
+
+
+def least_failing_volume(height: float, dimension: int) -> float:
+    """Least volume of soil whose slip is a failure, where none is given.
+
+    Args:
+        height: of the slope (m).
+        dimension: of the scene.
+
+    Returns:
+        m3, in a section m2.
+    """
+    return SHARE * height**dimension
+
+
+def _softens(scene: Scene) -> bool:
+    """Whether soil or an interface softens."""
+    return scene.material.initial_history(scene.particles) is not None or scene.wall_softening is not None
+
+
+def heights(scene: Scene) -> tuple[float, float]:
+    """Height of the ground above its lowest soil, and the relief of its surface, or else that height (m)."""
+    position = np.asarray(scene.particles.position, float)
+    z, cell = position[-1], scene.grid.cell
+    columns = np.unique(np.floor(position[:-1] / cell).astype(int), axis=1, return_inverse=True)[1].ravel()
+    top = np.full(columns.max() + 1, -np.inf)
+    np.maximum.at(top, columns, z)
+    particle = float(np.mean(np.asarray(scene.particles.volume, float))) ** (1 / len(position))
+    height, relief = float(np.ptp(z)) + particle, float(np.ptp(top))
+    return height, relief if relief > cell else height
+
+
+def _gravity(scene: Scene) -> float:
+    gravity = float(np.linalg.norm(np.asarray(scene.gravity, float)))
+    if gravity == 0:
+        raise ValueError("gravity = 0 m/s2: a limit load is one of gravity, give it")
+    return gravity
+
+
+def _weight(scene: Scene) -> float:
+    """Mean unit weight of the soil (N/m3)."""
+    particles = scene.particles
+    return _gravity(scene) * float(np.sum(particles.mass, dtype=float)) / float(np.sum(particles.volume, dtype=float))
 
 
 @dataclass(frozen=True)
-class Times:
-    """Characteristic times of a scene.
+class Scale:
+    """Duration of a run that shows whether soil moves, and the displacement by which the search takes it to.
 
     Args:
-        elastic: period of the slowest oscillation (s), four travels of the slowest shear wave through the soil's
-            height.
-        fall: time in which a mechanism accelerates (s), five times sqrt(height / g).
+        duration: s.
+        moves: m.
+        far: displacement at which a run ends (m).
+        volume: of soil that has to move so far (m3, in a section m2).
     """
 
-    elastic: float
-    fall: float
+    duration: float
+    moves: float
+    far: float
+    volume: float
 
     @classmethod
-    def of(cls, scene: Scene, t_end: float) -> Times:
-        """Times of a scene with gravity; ValueError for a run of `t_end` seconds that is too short for them."""
-        z = np.asarray(scene.particles.position[-1], float)
-        height = float(z.max() - z.min())
-        gravity = float(np.linalg.norm(np.asarray(scene.gravity, float)))
-        if gravity == 0:
-            raise ValueError("gravity = 0 m/s2: a limit load is one of gravity, give it")
-        elastic = float(elastic_period(scene))
+    def of(cls, scene: Scene, t_end: float, volume: float | None) -> Scale:
+        """Scale of a scene with gravity.
+
+        Args:
+            scene: as it runs, see `limit_load_scene`.
+            t_end: longest duration (s).
+            volume: the least that is a failure, None for a share of the relief.
+
+        Raises:
+            ValueError: If there is no gravity, or `t_end` is too short for the height or the softness of the soil.
+        """
+        gravity = _gravity(scene)
+        height, relief = heights(scene)
+        elastic, fall = float(elastic_period(scene)), math.sqrt(height / gravity)
         if t_end < 4 * elastic:
             raise ValueError(
                 f"t_end = {t_end:g} s, but soil this soft takes {elastic:.2g} s for an elastic oscillation: give "
-                f"{4 * elastic:.2g} s or more to see it speed up"
+                f"{4 * elastic:.2g} s or more to see whether it moves on"
             )
-        return cls(elastic, 5 * math.sqrt(height / gravity))
+        if t_end < SEEN * fall:
+            raise ValueError(
+                f"t_end = {t_end:g} s, but ground {height:.3g} m high takes {SEEN * fall:.2g} s to show that it moves: "
+                "give that or more"
+            )
+        young = 2 * (1 + POISSON) * float(np.min(np.asarray(scene.material.shear))) / (_weight(scene) * height)
+        return cls(
+            duration=min(t_end, max((SOFTENING_FALL if _softens(scene) else FALL) * fall, 2 * elastic)),
+            moves=min(MOVES / young, MOST) * height,
+            far=FAR * height,
+            volume=least_failing_volume(relief, scene.grid.dimension) if volume is None else volume,
+        )
 
 
-def displacements(
-    scene: Scene,
-    state: State,
-    axes: Scene,
-    *,
-    t_end: float,
-    every: float,
-    settle: Settle | None = None,
-    least_volume: float | None = None,
-    decide: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements of lanes in time.
+class Moved(NamedTuple):
+    """What lanes have moved at the end.
+
+    Args:
+        displacement: (B,) that the least volume has exceeded at the end (m).
+        slid: (B,) bool, lanes that ended early, since they had moved far or broke off while they moved.
+        volume: (B,) that moved more than the search's limit and half that displacement (m3, in a section m2).
+    """
+
+    displacement: np.ndarray
+    slid: np.ndarray
+    volume: np.ndarray
+
+
+def moved(scene: Scene, state: State, axes: Scene, scale: Scale) -> Moved:
+    """Run lanes and measure what they have moved.
 
     Args:
         scene: with lanes.
         state: of B lanes.
         axes: leaves of the scene that have lanes first.
-        t_end: duration (s).
-        every: time between two values (s).
-        settle: end a lane once it has settled.
-        least_volume: use the displacement that this volume of soil has exceeded instead of the mean (m3, in a section
-            m2).
-        decide: function of the displacements so far that returns (B,) bool, which lanes need not go on.
-
-    Returns:
-        Mean displacement (looks, B) m, or the one that a least volume exceeds, and the largest one at the end (B,) m.
+        scale: of the scene.
 
     Raises:
-        FloatingPointError: If a lane breaks off.
-        ValueError: If `settle` has a rule that needs a class.
+        FloatingPointError: If a lane breaks off that did not slide.
     """
-    check_early(None if settle is None else settle.early, scene, state, None)
-    dt = float(scene.time_step)
-    chunk = max(1, round(every / dt))
-    state, watch = jax.tree.map(jnp.copy, state), Watch.start(np.shape(state.status))
-    displacements: list[np.ndarray] = []
-    for _ in range(max(1, steps_until(t_end, dt * chunk))):
-        state = advance_lanes(scene, state, jnp.asarray(chunk), axes)
-        now = _mean(scene, state, axes) if least_volume is None else farthest(scene, state, axes, least_volume)
-        displacements.append(np.asarray(now))
-        watch, ended = watch.look(scene, state, axes, chunk * dt, settle, None, least_volume)
-        if decide is not None:
-            ended = np.where((ended == Status.RUNNING) & decide(np.array(displacements)), int(Status.DECIDED), ended)
-        state = replace(state, status=jnp.asarray(ended, jnp.int32))
-        if not np.any(ended == Status.RUNNING):
-            break
-    Result(state, scene.time_step).raise_if_failed()
-    return np.array(displacements), np.asarray(farthest(scene, state, axes, least_volume))
+    result = solve(scene, state, t_end=scale.duration, axes=axes, stop_at=scale.far, least_volume=scale.volume)
+    displacement = np.asarray(farthest(scene, result.state, axes, scale.volume))
+    off = result.broke_off & (result.status != Status.BAD_PARAMETER) & (displacement > scale.moves)
+    statuses = np.where(off, int(Status.DECIDED), result.status).astype(np.int32)
+    replace(result, state=replace(result.state, status=jnp.asarray(statuses))).raise_if_failed()
+    limit = np.maximum(scale.moves, displacement / 2)
+    volume = jax.vmap(_volume_beyond, in_axes=(axes, 0, 0))(scene, result.state, jnp.asarray(limit))
+    return Moved(displacement, statuses == Status.DECIDED, np.asarray(volume))
 
 
-@partial(jax.jit, static_argnames="axes")
-def _mean(scene: Scene, state: State, axes: Scene) -> Array:
-    return jax.vmap(diagnostics.mean_displacement, in_axes=(axes, 0))(scene, state)
-
-
-def speeds_up(displacements: np.ndarray, first: int) -> np.ndarray:
-    """Whether the displacement of lanes grew more in some period than in all the time before, of the same length.
-
-    A lane that stands, creeps at a constant speed or comes to rest has not; a body that slides off covers three times
-    as much. Displacements count by their largest value so far, so elastic oscillation has no effect.
-
-    Args:
-        displacements: (looks, B) m.
-        first: least number of looks in such a period.
-
-    Returns:
-        (B,) bool.
-    """
-    farthest = np.maximum.accumulate(displacements, axis=0)
-    halves = np.arange(max(first, 1), len(farthest) // 2 + 1)
-    return np.any(farthest[2 * halves - 1] > 2 * farthest[halves - 1], axis=0)
+def _volume_beyond(scene: Scene, state: State, limit: Array) -> Array:
+    """Initial volume of soil that moved farther than a limit (m)."""
+    return jnp.sum(jnp.where(diagnostics.displacement(state) > limit, scene.particles.volume, 0.0))
 
 
 class Kink(NamedTuple):
@@ -142,67 +232,80 @@ class Kink(NamedTuple):
 
     Args:
         at: factor of the kink.
-        stands: largest factor of a lane that stands.
-        moves: factor from which lanes move.
-        sharpness: slope of the curve after the kink over that before it.
-        jumps: whether displacement jumps there.
+        stands: largest factor of a lane on the branch that stands.
+        moves: smallest factor of a lane that is off it.
+        sharpness: slope of the branch that moves over that of the one that stands.
     """
 
     at: float
     stands: float
     moves: float
     sharpness: float
-    jumps: bool
 
 
-def kink(factors: np.ndarray, displacements: np.ndarray) -> Kink | None:
-    """The kink of displacement over the factor.
+class Branches(NamedTuple):
+    """The lines of displacement over factor, below a kink and beyond, each by its slope and intercept."""
 
-    One branch is the line through the two lowest lanes, as far as lanes follow it. The other is the line through three
-    lanes that move, without the first, which may lie in the bend. The lines meet at the kink, unless displacement jumps
-    past their meeting.
+    below: np.ndarray
+    beyond: np.ndarray
+
+    @property
+    def meeting(self) -> float:
+        """Factor at which they meet."""
+        return float((self.below[1] - self.beyond[1]) / (self.beyond[0] - self.below[0]))
+
+    def off(self, factors: np.ndarray, displacements: np.ndarray, resolution: float) -> np.ndarray:
+        """Whether lanes are off the branch that stands.
+
+        Below the meeting a bend may lie between the branches, as high as the other one gains within the resolution.
+        Beyond it a lane that has half of what the other branch gained is off.
+        """
+        past = factors - self.meeting
+        gained = self.beyond[0] * np.where(past > 0, past / 2, resolution)
+        return displacements - np.polyval(self.below, factors) > gained
+
+
+def branches(factors: np.ndarray, displacements: np.ndarray, moves: float) -> tuple[Branches, float] | None:
+    """The branches of displacement over factor, and the sharpness of their kink.
+
+    One is the line through the two lowest lanes. The other is the steepest through three lanes that follow one another:
+    a lane in the bend makes it less steep, and far beyond the kink a slide that comes to rest flattens.
 
     Args:
         factors: (B,), rising.
-        displacements: (B,) m.
+        displacements: (B,) m, inf for lanes that slid off.
+        moves: what such a lane has moved at least (m).
 
     Returns:
-        Kink, None if all lanes lie on one branch.
+        Branches and sharpness, None if displacement grows too evenly.
     """
-    flat = np.polyfit(factors[:2], displacements[:2], 1)
-    standing = np.maximum(np.polyval(flat, factors), displacements[0])
-    off = np.flatnonzero(displacements > FOLLOWS * standing)
-    if len(off) < 3:
+    finite = np.isfinite(displacements)
+    known, metres = factors[finite], displacements[finite]
+    if len(known) < 2:
         return None
-    first = int(off[0])
-    beyond = slice(first + 1, first + 4)
-    steep = np.polyfit(factors[beyond], displacements[beyond], 1)
-    if steep[0] <= max(flat[0], 0):
-        return None
-    meeting = (flat[1] - steep[1]) / (steep[0] - flat[0])
-    last = factors[first - 1]
-    jumps = bool(meeting < last)
-    rise = (displacements[first] - displacements[first - 1]) / (factors[first] - last)
-    least = displacements[:2].mean() / factors[:2].mean()
-    sharpness = float(max(steep[0], rise) / max(flat[0], least))
-    at = max(meeting, last)
-    moves = next((factor for factor in factors[first:] if factor >= at), factors[-1])
-    return Kink(float(at), float(last), float(moves), sharpness, jumps)
+    below = np.polyfit(known[:2], metres[:2], 1)
+    parts = [slice(k, k + 3) for k in range(max(1, len(known) - 2))]
+    beyond = max((np.polyfit(known[part], metres[part], 1) for part in parts), key=lambda line: line[0])
+    if not finite.all() and beyond[0] <= FOLLOWS * max(below[0], 0.0):
+        slope = moves / (factors[len(known)] - known[-1])
+        beyond = np.array([slope, metres[-1] - slope * known[-1]])
+    least = metres[:2].mean() / known[:2].mean()
+    sharpness = float(beyond[0] / max(below[0], least, np.finfo(float).tiny))
+    return (Branches(below, beyond), sharpness) if sharpness > FOLLOWS else None
 
 
-def lanes_around(middle: float) -> np.ndarray:
-    """Factors (B,) on both sides of one, rising."""
-    return middle * (1 + np.array(AROUND))
-
-
-def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float) -> Kink:
+def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float, resolution: float, moves: float) -> Kink:
     """Search the kink from a factor near which the slope begins to move.
 
-    It warns if displacement falls between factors, which that of a slide does not.
+    Lanes around a factor give both branches; their meeting is the next factor, until it lies in the middle of the
+    lanes. Lanes between, at last at most the resolution from the kink, then bound it, and where displacement jumps move
+    it. The search warns if displacement falls between factors, which that of a slide does not.
 
     Args:
         displacement: function of factors (B,) that returns the displacements of lanes (B,) m.
         start: factor to start from.
+        resolution: largest distance of the kink from a lane on each side.
+        moves: displacement from which the slope moves for certain (m).
 
     Returns:
         Kink.
@@ -211,33 +314,111 @@ def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float) ->
         ValueError: If there is none.
     """
     known: dict[float, float] = {}
+
+    def curve(tried: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factors and displacements of all lanes from the lowest one of this round on."""
+        new = np.array(sorted({round(factor, 6) for factor in tried.tolist()} - known.keys()))
+        known.update(zip(new.tolist(), displacement(new).tolist(), strict=True) if new.size else ())
+        factors = np.array([factor for factor in sorted(known) if factor >= middle * (1 + AROUND[0]) * (1 - 1e-6)])
+        return factors, np.array([known[factor] for factor in factors.tolist()])
+
     middle = start
     for _ in range(ROUNDS):
-        tried = lanes_around(middle)
-        known |= zip(tried.tolist(), displacement(tried).tolist(), strict=True)
-        factors = np.array(sorted(known))
-        displacements = np.array([known[factor] for factor in factors.tolist()])
-        turn, fall = kink(factors, displacements), falls(factors, displacements)
-        if turn is not None and abs(turn.at / middle - 1) < CENTRED:
-            if fall is not None:
-                warnings.warn(f"the limit load at R = {turn.at:.3g} is in doubt: {fall}", stacklevel=2)
-            return turn
-        middle = factors[0] if turn is None else turn.at
-    text = f"{displacements[0]:.2g} to {displacements[-1]:.2g} m at R = {factors[0]:.3g} to {factors[-1]:.3g}"
-    raise ValueError(
-        f"the displacement has no kink, {text}: {fall or 'it grows too evenly for a limit load'}; or give a "
-        "failure_displacement instead"
-    )
+        factors, displacements = curve(middle * (1 + np.array(AROUND)))
+        found = branches(factors, displacements, moves)
+        if found is not None:
+            at = min(max(found[0].meeting, factors[0] * (1 - CENTRED)), factors[-1] * (1 + CENTRED))
+        else:
+            at = factors[0] if displacements[0] > moves / MOVES * STARTED else middle * (1 + AROUND[-1])
+        if found is not None and abs(at / middle - 1) < CENTRED:
+            break
+        middle = at
+    else:
+        text = f"{displacements[0]:.2g} to {displacements[-1]:.2g} m at R = {factors[0]:.3g} to {factors[-1]:.3g}"
+        fall = falls(factors, displacements)
+        raise ValueError(
+            f"the displacement has no kink, {text}: {fall or 'it grows too evenly for a limit load'}; or give a "
+            "failure_displacement instead"
+        )
+    lines, sharpness = found
+    resolution = min(resolution, CENTRED * at)  # well within the lanes
+    tried = at + resolution * np.array([-1.0, 1.0])
+    while True:
+        factors, displacements = curve(tried)
+        off = lines.off(factors, displacements, resolution)
+        first = int(np.argmax(off))
+        stands, beyond = float(factors[first - 1]), float(factors[first])
+        if beyond - stands <= 2 * resolution * (1 + 1e-3):
+            break
+        tried = np.array([(stands + beyond) / 2])
+    if (fall := falls(factors, displacements)) is not None:
+        warnings.warn(f"the limit load at R = {at:.3g} is in doubt: {fall}", stacklevel=2)
+    return Kink(min(max(at, stands), beyond), stands, beyond, sharpness)
 
 
 def falls(factors: np.ndarray, displacements: np.ndarray) -> str | None:
     """Warning about displacements (B,) m that fall over rising factors (B,); None if they grow."""
+    finite = np.isfinite(displacements)
+    factors, displacements = factors[finite], displacements[finite]
     drops = displacements[:-1] / np.maximum(displacements[1:], np.finfo(float).tiny)
-    worst = int(np.argmax(drops))
-    if not drops[worst] > FOLLOWS:
+    worst = int(np.argmax(drops)) if drops.size else 0
+    if not (drops.size and drops[worst] > FOLLOWS):
         return None
     (more, less), (at, then) = displacements[worst : worst + 2], factors[worst : worst + 2]
     return (
         f"it moves {more:.2g} m at R = {at:.3g} and {less:.2g} m at R = {then:.3g}, as grains do that shake loose "
         "and settle by chance: give a share of PIC (flip = 0.95), or soil with much friction some dilation"
     )
+
+
+def find_start(
+    displacement: Callable[[np.ndarray], np.ndarray], moves: float, bracket: tuple[float, float], batch: int
+) -> float:
+    """A factor near which the slope begins to move, by bisection.
+
+    Args:
+        displacement: function of factors (B,) that returns the displacements of lanes (B,) m.
+        moves: displacement from which the slope moves (m).
+        bracket: factors that stand and move.
+        batch: lanes of a round.
+
+    Returns:
+        Factor.
+
+    Raises:
+        ValueError: If all lanes stand, or all move.
+    """
+    (low, high), known = bracket, np.empty((0, 2))
+    tried = np.geomspace(low, high, batch)
+    while tried.size:
+        known = np.concatenate([known, np.stack([tried, displacement(tried)], axis=1)])
+        known = known[np.argsort(known[:, 0])]
+        move = known[:, 1] > moves
+        if move.all() or not move.any():
+            side, end = ("fails", low) if move.all() else ("stands", high)
+            raise ValueError(f"the slope {side} even at R = {end:g}: widen the bracket {bracket}")
+        first = int(np.argmax(move))
+        if first == 0:
+            above = known[~move, 0].min()
+            raise ValueError(
+                f"the slope fails at R = {low:g} and stands at {above:g}: its displacement does not grow with R; "
+                "give a narrower bracket"
+            )
+        low, high = known[first - 1, 0], known[first, 0]
+        rounds = math.ceil(math.log(high / low) / math.log(COARSE) - 1e-9)
+        tried = np.geomspace(low, high, min(batch, rounds - 1) + 2)[1:-1] if rounds > 1 else np.empty(0)
+    return math.sqrt(low * high)
+
+
+def lowest_local(
+    tried: Sequence[tuple[float, float, float]], below: float, volume: float
+) -> tuple[float, float] | None:
+    """The lowest factor below the kink at which a slip smaller than the least volume moves, and its volume.
+
+    Args:
+        tried: factor, displacement (m) and moved volume of lanes.
+        below: factor of the kink.
+        volume: the least that is a failure.
+    """
+    slips = [(factor, own) for factor, _, own in tried if factor < below and LOCAL * volume <= own < volume]
+    return min(slips, default=None)

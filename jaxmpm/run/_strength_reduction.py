@@ -19,7 +19,7 @@ from jaxmpm.laws import reduce_strength
 from jaxmpm.run._advance import repeat
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._lanes import varied_lanes
-from jaxmpm.run._limit_load import LOOKS, Times, displacements, find_kink, speeds_up
+from jaxmpm.run._limit_load import YOUNG, Scale, find_kink, find_start, limit_load_scene, lowest_local, moved
 from jaxmpm.run._stopping import Settle, check_run, farthest
 from jaxmpm.setup import check_scene
 from jaxmpm.types import Scene, State
@@ -29,16 +29,20 @@ from jaxmpm.types import Scene, State
 class FactorOfSafety:
     """Result of strength reduction.
 
-    By the limit load, `stable` and `fails` are the runs on both sides of the kink, or, if displacement jumps, those of
-    the search.
+    By the limit load, `stable` and `fails` are the runs on both sides of the kink, and displacements are those of soil
+    that has the stiffness at which the limit load is sought. The last four are None by a displacement.
 
     Args:
         stable: largest reduction factor R that stands.
         fails: smallest R that fails, one resolution above.
         tried: every (R, largest displacement in m) that was run, by R; where the slope failed, the displacement is the
-            one at which that was decided.
-        kink: R at which displacement begins to grow; None by a displacement.
-        sharpness: its growth beyond the kink over that below; None by a displacement.
+            one at which that was decided. By the limit load it is the displacement that the least volume has exceeded.
+        kink: R at which displacement begins to grow.
+        sharpness: its growth beyond the kink over that below.
+        volume: of the soil that moves just beyond the kink, by more than half of what the least volume does (m3, in a
+            section m2).
+        local: the smallest R tried at which a slip moves that is smaller than the least volume, but a tenth of it or
+            more, and the volume of that slip; also None where there is none.
     """
 
     stable: float
@@ -46,6 +50,8 @@ class FactorOfSafety:
     tried: tuple[tuple[float, float], ...]
     kink: float | None = None
     sharpness: float | None = None
+    volume: float | None = None
+    local: tuple[float, float] | None = None
 
 
 LIMIT_LOAD: Literal["limit load"] = "limit load"
@@ -67,10 +73,10 @@ def factor_of_safety(
 ) -> FactorOfSafety:
     """Divide the strength by R and bisect the R at which the slope fails within t_end.
 
-    With the limit load the slope fails where displacement begins to grow with R, at the kink. The search starts from
-    the R at which soil accelerates: it moves farther, in the mean, in some period than in all the time before, of the
-    same length (at least an elastic oscillation). A displacement criterion depends on the chosen metres if soil does
-    not soften, since a perfectly plastic slope slides a little and stands again.
+    With the limit load the slope fails where displacement begins to grow with R, at the kink. If nothing softens, all
+    soil is given the stiffness of `limit_load_scene` for that, so that the answer depends on no Young's modulus. A
+    displacement criterion depends on the chosen metres if soil does not soften, since a perfectly plastic slope slides
+    a little and stands again.
 
     Args:
         scene: to run.
@@ -78,12 +84,13 @@ def factor_of_safety(
         failure_displacement: the slope fails if its largest displacement exceeds this (m), by default 1 m.
         criterion: "limit load" instead.
         bracket: R that stands and R that fails.
-        resolution: R is a multiple of it.
-        t_end: duration (s).
+        resolution: R is a multiple of it; by the limit load, distance of the runs beside the kink from it.
+        t_end: duration (s); by the limit load, the longest one, of which three times sqrt(height / g) are used,
+            twice that where soil softens.
         batch: lanes per round.
-        settle: rule by which a lane stands before t_end; None for the default of `Settle`.
-        least_volume: use the displacement that this volume (m3, in a section m2) has exceeded, instead of the largest
-            and, by the limit load, of the mean.
+        settle: rule by which a lane stands before t_end; None for the default of `Settle`. A limit load takes none.
+        least_volume: use the displacement that this volume (m3, in a section m2) has exceeded, instead of the largest.
+            By the limit load None is 0.05 h^2, in 3D 0.05 h^3, h the relief of the ground.
         progress: called after each round of runs with its factors and their displacements (m).
 
     Returns:
@@ -114,12 +121,15 @@ def factor_of_safety(
         raise ValueError(f"bracket = {bracket}: give a lower and a higher reduction factor above 0")
     if low < 1:
         raise ValueError(f"resolution = {resolution:g} exceeds the lower end of bracket = {bracket}: give a finer one")
-    judge = partial(_by_displacement, limit) if criterion is None else partial(_by_limit_load, Times.of(scene, t_end))
+    if criterion == LIMIT_LOAD:
+        if settle is not None:
+            raise ValueError("settle is given by the limit load, whose runs all have one duration: leave it out")
+        return by_limit_load(scene, state, bracket, resolution, t_end, batch, least_volume, progress)
     outcomes: dict[int, tuple[float, bool]] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
         factors = [p * resolution for p in points]
-        judged = judge(scene, state, factors, t_end, settle or Settle(), least_volume)
+        judged = _by_displacement(limit, scene, state, factors, t_end, settle or Settle(), least_volume)
         outcomes |= zip(points, judged, strict=True)
         if progress is not None:
             progress(factors, [displacement for displacement, _ in judged])
@@ -137,12 +147,11 @@ def factor_of_safety(
         inner = np.linspace(low, high, min(batch, high - low - 1) + 2)[1:-1]
         points = sorted({round(p) for p in inner} - set(outcomes))
     digits = max(0, -math.floor(math.log10(resolution)) + 2)
-    result = FactorOfSafety(
+    return FactorOfSafety(
         stable=round(low * resolution, digits),
         fails=round(high * resolution, digits),
         tried=tuple((round(p * resolution, digits), outcomes[p][0]) for p in sorted(outcomes)),
     )
-    return result if criterion is None else _with_kink(result, scene, state, t_end, least_volume, progress)
 
 
 def _by_displacement(
@@ -157,61 +166,42 @@ def _by_displacement(
     return [(u, u > limit) for u in np.asarray(farthest(varied, result.state, axes, volume)).tolist()]
 
 
-def _by_limit_load(
-    times: Times,
+def by_limit_load(
     scene: Scene,
     state: State,
-    factors: list[float],
+    bracket: tuple[float, float],
+    resolution: float,
     t_end: float,
-    settle: Settle,
-    volume: float | None,
-) -> list[tuple[float, bool]]:
-    """Largest displacement (m) at each factor, and whether the slope accelerates."""
-    varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
-    decide = partial(speeds_up, first=LOOKS)
-    mean, largest = displacements(
-        varied,
-        repeat(state, len(factors)),
-        axes,
-        t_end=t_end,
-        every=times.elastic / LOOKS,
-        settle=settle,
-        least_volume=volume,
-        decide=decide,
-    )
-    return list(zip(largest.tolist(), decide(mean).tolist(), strict=True))
-
-
-def _with_kink(
-    result: FactorOfSafety,
-    scene: Scene,
-    state: State,
-    t_end: float,
-    volume: float | None,
-    progress: Callable[[Sequence[float], Sequence[float]], None] | None,
+    batch: int,
+    least_volume: float | None,
+    progress: Callable[[Sequence[float], Sequence[float]], None] | None = None,
+    young: float = YOUNG,
 ) -> FactorOfSafety:
-    """The factor with its kink and the bracket around it; lanes run as long as the soil needs to accelerate."""
-    times = Times.of(scene, t_end)
-    end = min(t_end, max(times.fall, 2 * times.elastic))
+    """The factor by the limit load, as `factor_of_safety`, with soil of a stiffness as of `limit_load_scene`."""
+    stiff = limit_load_scene(scene, young)
+    scale = Scale.of(stiff, t_end, least_volume)
+    tried: dict[float, tuple[float, float]] = {}
 
     def displacement(factors: np.ndarray) -> np.ndarray:
-        varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
-        lanes = repeat(state, len(factors))
-        last: np.ndarray = displacements(varied, lanes, axes, t_end=end, every=end, least_volume=volume)[0][-1]
+        varied, axes = reductions(stiff, jnp.asarray(factors, scene.particles.mass.dtype))
+        lanes = moved(varied, repeat(state, len(factors)), axes, scale)
+        pairs = zip(lanes.displacement.tolist(), lanes.volume.tolist(), strict=True)
+        tried.update(zip(factors.tolist(), pairs, strict=True))
         if progress is not None:
-            progress(factors.tolist(), last.tolist())
-        return last
+            progress(factors.tolist(), lanes.displacement.tolist())
+        return np.where(lanes.slid, np.inf, lanes.displacement)
 
-    turn = find_kink(displacement, (result.stable + result.fails) / 2)
-    if turn.jumps:  # the bracket in time is narrower than that of these lanes
-        at = min(max(result.stable, turn.stands), turn.moves)
-        return replace(result, kink=at, sharpness=round(turn.sharpness, 1))
-    return replace(
-        result,
+    start = find_start(displacement, scale.moves, bracket, batch)
+    turn = find_kink(displacement, start, resolution, scale.moves)
+    rows = [(factor, *tried[factor]) for factor in sorted(tried)]
+    return FactorOfSafety(
         stable=round(turn.stands, 4),
         fails=round(turn.moves, 4),
+        tried=tuple((factor, metres) for factor, metres, _ in rows),
         kink=round(turn.at, 4),
         sharpness=round(turn.sharpness, 1),
+        volume=next((own for factor, metres, own in rows if factor > turn.at and metres > scale.moves), None),
+        local=lowest_local(rows, turn.stands, scale.volume),
     )
 
 

@@ -13,7 +13,7 @@ from jaxmpm.setup._discretisation import (
 )
 from jaxmpm.setup._fill import fill, ordered
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
-from jaxmpm.setup._law import check_scene, check_shape
+from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.setup._scene import scene, unstressed
@@ -54,6 +54,7 @@ __all__ = [
     "settled",
     "unstressed",
     "vary",
+    "wave_speed",
     "with_soil",
     "with_strength",
 ]

@@ -10,7 +10,7 @@ from pydantic import model_validator as validates
 from pydantic.dataclasses import dataclass
 
 from cooperative.estimate import SharedAudit
-from cooperative.scene.tables._key import AboveZero, Length, Several, Table, key
+from cooperative.scene.tables._key import AboveZero, Length, Pair, Several, Table, key
 
 CONFIG = ConfigDict(extra="forbid")
 
@@ -45,6 +45,15 @@ class LimitLoad:
     factor: AboveZero = key("Factor of safety.", 1.2)
     displacement: Length = key("Displacement that goes with it.", 0.3)
     volume: AboveZero | None = key("Least volume that moves farther (m3, in a section m2).", 5.0, None)
+    sharpness: AboveZero | None = key(
+        "Growth of the displacement beyond the limit load, over that below.", 50.0, None, otherwise="not known"
+    )
+    local: Pair[AboveZero] | None = key(
+        "Lowest reduction factor tried at which a slip of less than that volume moved, and the volume of that slip.",
+        (1.1, 2.0),
+        None,
+        otherwise="none",
+    )
 
 
 Terms = Several[Annotated[int, Strict(), Ge(1)]]

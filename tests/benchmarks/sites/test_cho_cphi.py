@@ -7,6 +7,22 @@ from benchmarks.measure import scene_campaign
 from benchmarks.sites import cho_cphi
 from cooperative import runs
 
+TIME = np.linspace(0.05, 4.0, 80)
+PATHS = {
+    "slides off": (0.5 * 0.2 * TIME**2, True),
+    "yields, then slides off": (0.01 * (1 - np.exp(-5 * TIME)) + 0.05 * TIME**2, True),
+    "slides, then stands again": (1 - np.cos(np.pi * np.minimum(TIME / 3, 1)), True),
+    "creeps": (0.1 * TIME**0.95, False),
+    "comes to rest": (0.3 * (1 - np.exp(-2 * TIME)), False),
+    "rings": (0.01 * (1 - np.cos(9 * TIME)), False),
+    "does not move": (np.zeros_like(TIME), False),
+}
+
+
+def test_lanes_are_judged_apart():
+    displacements = np.stack([path for path, _ in PATHS.values()], axis=1)
+    assert cho_cphi.speeds_up(displacements, first=8).tolist() == [on for _, on in PATHS.values()]
+
 
 def test_classes_are_those_of_the_rule_in_time_and_nearly_those_of_circles():
     result = cho_cphi.summarised()

@@ -37,6 +37,9 @@ def test_samples_fail_from_the_displacement_at_the_limit_load(done):
         "the displacement of median soil at its limit load"
     )
     assert any(rule in note for note in summary.notes)
+    known = f"factor of safety {limit_load.factor:.3f}, displacement grows {limit_load.sharpness:.3g} times"
+    assert any(known in note for note in summary.notes)
+    assert limit_load.sharpness > 5
 
 
 def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
@@ -99,13 +102,13 @@ def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
 
     def safe(scene, state, *, least_volume, **_):
         asked.append(least_volume)
-        return SimpleNamespace(kink=1.2)
+        return SimpleNamespace(kink=1.2, sharpness=40.0, local=(1.1, 2.0))
 
     monkeypatch.setattr("cooperative.scene._measured.factor_of_safety", safe)
     monkeypatch.setattr("cooperative.scene._measured._displacement", lambda *_: 0.3)
     monkeypatch.setattr("cooperative.scene._measured.reduced", lambda scene, _: scene)
     model = SimpleNamespace(median=(SimpleNamespace(motion=None), None))
-    assert measure_limit_load(campaign, model) == LimitLoad(1.2, 0.3, 7.5)
+    assert measure_limit_load(campaign, model) == LimitLoad(1.2, 0.3, 7.5, 40.0, (1.1, 2.0))
     assert measure_limit_load(parse(PLASTIC), model).volume == 3.2
     assert asked == [7.5, 3.2]
 

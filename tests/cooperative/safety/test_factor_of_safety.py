@@ -145,7 +145,7 @@ def test_the_command_prints_both_factors_and_why_they_differ(tmp_path, monkeypat
 
     def canned(campaign, scene, state, *, bracket, progress):
         progress([0.5, 3.0], [0.01, 12.0])
-        return FactorOfSafety(1.19, 1.20, ((1.19, 0.1), (1.2, 2.0)), 1.195, 12.0)
+        return FactorOfSafety(1.19, 1.20, ((1.19, 0.1), (1.2, 2.0)), 1.195, 4.0, 61.0, (1.05, 3.0))
 
     monkeypatch.setattr(_factor, "limit_load_factor", canned)
     monkeypatch.setattr(_factor.jaxmpm, "solve", lambda scene, state, **_: replace(state_of(state), state=state))
@@ -154,6 +154,9 @@ def test_the_command_prints_both_factors_and_why_they_differ(tmp_path, monkeypat
     assert "displacement at R = 0.5: 0.01 m, 3: 12 m" in progress
     assert "limit equilibrium  1.09" in printed
     assert "solver             1.195  limit load, rough grid, cells of 2 m; stands at R = 1.19" in printed
+    assert "61 m2 moves there, and 4 times as fast with R as below" in printed
+    assert "displacement grows 4 times as fast beyond the limit load as below, no sharp limit" in printed
+    assert "a slip of 3 m2 moves at R = 1.05 already; it is smaller than the 7.2 m2 that is a failure" in printed
     assert "the slope is 6 cells high" in printed
     content = json.loads((tmp_path / "demo-fos" / "fos.json").read_text())
     assert content["solver"]["kink"] == 1.195

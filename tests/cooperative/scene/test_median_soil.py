@@ -64,7 +64,7 @@ def test_both_are_of_the_soil_that_the_scene_has_at_the_median(tmp_path, monkeyp
 
     def safe(scene, state, *, criterion=None, **_):
         measured.append((criterion, scene))
-        return SimpleNamespace(kink=1.2, stable=1.2)
+        return SimpleNamespace(kink=1.2, stable=1.2, sharpness=40.0, local=None)
 
     monkeypatch.setattr("cooperative.scene._measured.factor_of_safety", safe)
     monkeypatch.setattr("cooperative.scene._measured._displacement", lambda *_: 0.3)
