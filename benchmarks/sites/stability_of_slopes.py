@@ -8,6 +8,10 @@ displacement over R (see `jaxmpm.factor_of_safety`). What random soil does to su
 Special cases have figures of their own, on their finest cell: a weak seam on rock in half a cell and in one, and as the
 strength of the base; a weak band that falls with the slope; sand half of whose weight water bears, with 5 % of PIC.
 
+Three slopes have soil of 200, 1000 and 3000 times its strength in the middle of the slope as Young's modulus, on their
+coarse cells, and the middle one besides at a quarter and at four times the stiffness at which a limit load is sought.
+`fos_spread_young` and `fos_spread_reference` are the largest factor over the smallest, less 1.
+
 Slopes are solved side by side, one to a core, so seconds are those of a core with the others busy. Rows that have ended
 stand in out/stability_of_slopes, and a command that was stopped goes on behind them.
 """
@@ -15,7 +19,9 @@ stand in out/stability_of_slopes, and a command that was stopped goes on behind 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +31,8 @@ from benchmarks.measure import ROOT, Report, code_digest, stored_row
 from benchmarks.sites.slopes import Case, cases, special_cases
 from benchmarks.speed.leave_out import microseconds
 from cooperative.runs import cores_to_use, process_pool
+from jaxmpm.run._limit_load import YOUNG
+from jaxmpm.run._strength_reduction import by_limit_load
 
 CURES: dict[str, dict[str, Any]] = {
     "none": {"cell_average": False},
@@ -34,6 +42,12 @@ CURES: dict[str, dict[str, Any]] = {
     "B-splines, averaged over cells": {"kernel": mpm.QuadraticBSpline},
 }
 """Settings against the locking of soil with friction. One particle a cell is the same with B-splines as with GIMP."""
+
+STIFF = {"Griffiths and Lane 4, ratio 1": 74813.0, "Published section": 42e3, "Griffiths and Lane 1": 42.2e3}
+"""Slopes of several stiffnesses, and their strength (Pa), of soil with friction that under half the height."""
+
+OVER_STRENGTH, OVER_REFERENCE = (200, 1000, 3000), (0.25, 4.0)
+"""Young's moduli over that strength, and stiffnesses over that at which a limit load is sought."""
 
 LOCKED = ("ACADS 1a", "Griffiths and Lane 1")
 """Slopes that the cures are held against."""
@@ -66,6 +80,48 @@ def cured(case: Case, cell: float, cure: str) -> dict[str, Any]:
     return {"cure": cure, **row(case, cell, **CURES[cure])}
 
 
+def of_stiffness(case: Case, cell: float, ratio: float, reference: float) -> dict[str, Any]:
+    """The factor of one slope whose soil has a Young's modulus of `ratio` times its strength, at `reference` times the
+    usual stiffness of a limit load."""
+    start = time.perf_counter()
+    young = ratio * STIFF[case.name]
+    layers = case.soil if isinstance(case.soil, Sequence) else [mpm.Layer(case.soil)]
+    soil = [replace(layer, soil=replace(layer.soil, young=young)) for layer in layers]
+    scene, state = replace(case, soil=soil).built(cell)
+    bracket = (0.8 * case.reference, case.highest * case.reference)
+    answer = by_limit_load(
+        scene, state, bracket, 0.01, t_end=20.0, batch=6, least_volume=None, young=reference * YOUNG
+    )  # fmt: skip
+    assert answer.kink is not None
+    return {
+        "slope": case.name,
+        "cell_m": round(cell, 4),
+        "young_over_strength": ratio,
+        "stiffness_over_reference": reference,
+        "fos": round(answer.kink, 4),
+        "stands_at": answer.stable,
+        "moves_on_at": answer.fails,
+        "sharpness": answer.sharpness,
+        "seconds": round(time.perf_counter() - start, 1),
+    }
+
+
+def spreads(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Largest spread of the factor of a slope over Young's moduli, and over stiffnesses of the limit load."""
+
+    def largest(rows: list[dict[str, Any]]) -> float | None:
+        factors: dict[str, list[float]] = {}
+        for one in rows:
+            factors.setdefault(one["slope"], []).append(one["fos"])
+        return max((round(max(each) / min(each) - 1, 4) for each in factors.values()), default=None)
+
+    usual = [one for one in rows if one["stiffness_over_reference"] == 1]
+    return {
+        "fos_spread_young": largest(usual),
+        "fos_spread_reference": largest([one for one in rows if one["young_over_strength"] == OVER_STRENGTH[1]]),
+    }
+
+
 def costs(case: Case, cell: float) -> dict[str, Any]:
     """Microseconds per step of a lane with each cure, taken in turn."""
     steps = microseconds([case.built(cell, **choices) for choices in CURES.values()], repeats=5)
@@ -90,12 +146,22 @@ def run(quick: bool) -> Report:
         }
         cost = [begun("steps", costs, case, cell) for case, cell in locked]
         treated = [[begun("cure", cured, case, cell, cure) for cure in CURES] for case, cell in locked]
+        stiff = [
+            begun("stiffness", of_stiffness, case, case.cells[0], ratio, reference)
+            for case in known
+            if case.name in STIFF and not quick
+            for ratio, reference in [
+                *((r, 1.0) for r in OVER_STRENGTH),
+                *((OVER_STRENGTH[1], f) for f in OVER_REFERENCE),
+            ]
+        ]
         rows = [ours[case.name, cell].result() for case in known for cell in reversed(_finest_first(case, quick))]
         for runs, steps in zip(treated, cost, strict=True):
             rows += [one.result() | {"us_per_step": steps.result()[one.result()["cure"]]} for one in runs]
     figures = {case.name: case.figure for case in known if case.figure}
     usual = [one for one in rows if "cure" not in one and one["case"] not in figures]
-    return Report(summarised(usual) | special(rows, figures), rows)
+    stiffnesses = [one.result() for one in stiff]
+    return Report(summarised(usual) | special(rows, figures) | spreads(stiffnesses), rows + stiffnesses)
 
 
 def _finest_first(case: Case, quick: bool) -> list[float]:
