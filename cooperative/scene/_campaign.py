@@ -226,9 +226,10 @@ class Campaign:
     def failing_volume(self) -> float | None:
         """Least volume of soil (m3, in a section m2) whose motion is a failure, None where that of any particle is.
 
-        The same on all grids. Where the run does not give it, that of a square or cube of height h (`jaxmpm.run.least_failing_volume`): h is the
-        height of the slope, or THICKNESSES mean thicknesses of the ground where that is less, and no edge of that
-        square or cube is longer than the ground. At least a particle of the coarsest grid.
+        The same on all grids. Where the run does not give it, that of a slope of height h
+        (`jaxmpm.run.least_failing_volume`): h is the height of the slope, or THICKNESSES mean thicknesses of the ground
+        where that is less, and no edge of the square or cube is longer than the ground. At least a particle of the
+        coarsest grid.
         """
         if self.run.least_volume is not None:
             return self.run.least_volume or None
