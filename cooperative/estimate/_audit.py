@@ -17,9 +17,10 @@ none, and a few draws down there may well miss them all: the estimate is then lo
 small just then. Two things guard against it, and neither relies on the ranks:
 
 - A share of every wave is drawn evenly over all that is unknown. It is `proving` / (`proving` + draws so far), so the
-  first wave is even and the ranks are followed more closely as they prove themselves; it stays at a half or more where
-  they do not, that is where more failures turn up among draws to which the model gave less than 5 % than a Poisson
-  count of its own mean would bring once in 20 times (`surprise`).
+  first wave is even and the ranks are followed more closely as they prove themselves. Ranks prove nothing while all
+  runs end alike: the share is then two thirds at least. It stays at a half or more where more failures turn up among
+  draws to which the model gave less than 5 % than a Poisson count of its own mean would bring once in 20 times
+  (`surprise`).
 - What may still be hidden below the lowest failure seen has an upper limit (`unseen`). If failures of weight s lie
   there at any ranks whatever, no draw meets them with a probability of at most
 
@@ -87,6 +88,11 @@ RARELY = 0.05
 """Where the model brings so many failures far down the ranking more rarely than this, the ranks mislead."""
 
 
+UNPROVEN = 2 / 3
+"""Least share of even draws while all runs end alike, in which ranks prove nothing: the limit of P_f is then at most
+1.5 times that of as many even draws."""
+
+
 @dataclass(frozen=True)
 class Surprise:
     """Draws far down the ranking.
@@ -138,12 +144,14 @@ class Wave:
         probability: of each draw, given those before (b,).
         chance: of every rank at the first draw of the wave (N,), 0 for those known by then.
         model: (N,).
+        even: share of the draws that is spread evenly.
     """
 
     ranks: np.ndarray
     probability: np.ndarray
     chance: np.ndarray
     model: np.ndarray
+    even: float = 0.0
 
 
 def check_plan(plan: AuditPlan) -> None:
@@ -223,7 +231,7 @@ def draw_wave(
     left = never + np.cumsum(share[first][::-1])[::-1]
     chance = np.zeros(known.size)
     chance[unknown] = share
-    return Wave(unknown[first], share[first] / left, chance, model)
+    return Wave(unknown[first], share[first] / left, chance, model, floor)
 
 
 def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
@@ -260,7 +268,11 @@ def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray, *, s
         return plan.floor
     drawn = sum(wave.ranks.size for wave in waves)
     share = plan.proving / (plan.proving + drawn)
-    return max(share, 0.5 if not shared and surprise(waves, outcome).misled else plan.floor)
+    if shared:
+        return max(share, plan.floor)
+    if not ((outcome == 0).any() and (outcome == 1).any()):
+        return max(share, UNPROVEN)
+    return max(share, 0.5 if surprise(waves, outcome).misled else plan.floor)
 
 
 def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, weight: np.ndarray, level: float) -> float:

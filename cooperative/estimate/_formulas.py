@@ -7,15 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from cooperative.estimate._estimates import Estimate, binomial, wilson_interval, with_variance
+from cooperative.estimate._estimates import RARE, Estimate, binomial, count_interval, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._protocol import Answers
 from cooperative.estimate._ranking import rank_samples, stopping_rank
 
+CONTROL_VARIATE = "multifidelity control variate"
 FOLDS = 5
 """Folds of the control variate; it takes two runs in each."""
-RARE = 5
-"""Failures, or runs that stand, below which the residuals of the control variate show too little of its scatter."""
 
 
 def as_answers(failed: Iterable[object]) -> np.ndarray:
@@ -61,10 +60,11 @@ def published(
 ) -> Estimate:
     """n/N of Jiang et al.
 
-    (2024), Computers and Geotechnics 172, 106413, with a Wilson interval.
+    (2024), Computers and Geotechnics 172, 106413, with a binomial interval.
 
     n failures are counted down to the stopping rank of k_t; all samples below it are taken to stand, which makes the
-    estimate too low when the grids disagree. The interval holds the sampling of the N only.
+    estimate too low when the grids disagree. The interval holds the sampling of the N only, and while the rule is not
+    met that all which did not run may fail.
 
     Args:
         rough_displacement: (N,) m.
@@ -83,7 +83,12 @@ def published(
         notes.append(f"the stopping rule (k_t = {k_t}) is not met yet")
     if unanswered:
         notes.append(f"{unanswered} refined runs gave no answer: up to {unanswered / order.size:.2g} more")
-    return binomial("published n/N", ranked.count(True), order.size, len(ranked), level=level, notes=tuple(notes))
+    failures, count = ranked.count(True), order.size
+    estimate = binomial("published n/N", failures, count, len(ranked), level=level, notes=tuple(notes))
+    if rank is not None:
+        return estimate
+    high = count_interval(failures + count - len(ranked) + unanswered, count, level)[1]
+    return replace(estimate, interval=(estimate.interval[0], high))
 
 
 def control_variate(
@@ -105,7 +110,7 @@ def control_variate(
             example the first n.
         failure_displacement: beyond which a sample has failed (m).
         level: confidence level of the interval. With fewer than `RARE` failures, or runs that stand, it is as wide as
-            that of the refined runs alone.
+            that of the refined runs alone; where these all end alike, so does the estimate, whatever the ranks expect.
 
     Raises:
         ValueError: there are fewer runs, or an answer is missing.
@@ -118,6 +123,8 @@ def control_variate(
     centre = rough_centre(rough_displacement, np.ones(count), failure_displacement)
     runs = np.fromiter(sorted(refined), dtype=int)
     failed = as_answers([refined[int(run)] for run in runs]).astype(float)
+    if failed.min() == failed.max():
+        return binomial(CONTROL_VARIATE, failed.sum(), runs.size, runs.size, level=level)
     residual, predicted = np.empty(runs.size), 0.0
     for fold in range(FOLDS):
         mine = np.arange(runs.size) % FOLDS == fold
@@ -128,11 +135,11 @@ def control_variate(
     share = min(max(probability, 0.0), 1.0)
     spread = float(residual.var(ddof=1)) * (1 / runs.size - 1 / count)
     estimate = with_variance(
-        "multifidelity control variate", probability, share * (1 - share) / count + spread, runs.size,
+        CONTROL_VARIATE, probability, share * (1 - share) / count + spread, runs.size,
         freedom=runs.size - 1, audit_variance=spread, level=level,
     )  # fmt: skip
     if min(failed.sum(), (1 - failed).sum()) >= RARE:
         return estimate
-    ends = zip(estimate.interval, wilson_interval(failed.sum(), runs.size, level), strict=True)
+    ends = zip(estimate.interval, count_interval(failed.sum(), runs.size, level), strict=True)
     (low, also_low), (high, also_high) = ends
     return replace(estimate, interval=(min(low, also_low), max(high, also_high)))

@@ -12,8 +12,8 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from cooperative.estimate._estimates import Estimate, after_more_runs, wilson_interval
-from cooperative.estimate._formulas import FOLDS, RARE, control_variate, monte_carlo, published
+from cooperative.estimate._estimates import RARE, Estimate, after_more_runs, count_interval
+from cooperative.estimate._formulas import FOLDS, control_variate, monte_carlo, published
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
 
@@ -135,6 +135,8 @@ class Budgeted(SceneSamples):
         target, estimate = self.target_cov, self.estimate(population, answers)
         if target is not None and estimate.cov <= target:
             return f"the coefficient of variation is at most {target:g}"
+        if target is not None and not estimate.probability:
+            return f"no refined run has failed, and a coefficient of variation of {target:g} takes failures"
         if target is not None and estimate.refined_runs < self.budget(population.size):
             if not out_of_reach(estimate, target):
                 return f"the runs that were fixed for a coefficient of variation of {target:g} are made"
@@ -324,8 +326,8 @@ def _open_to(lost: int, known: Mapping[int, bool], estimate: Estimate) -> Estima
     if not lost:
         return estimate
     failures, runs = sum(known.values()), len(known) + lost
-    low, _ = wilson_interval(failures, runs, estimate.level)
-    _, high = wilson_interval(failures + lost, runs, estimate.level)
+    low, _ = count_interval(failures, runs, estimate.level)
+    _, high = count_interval(failures + lost, runs, estimate.level)
     note = f"{lost} refined runs gave no answer; the interval holds P_f if none of them fails, and if all do"
     return replace(
         estimate,

@@ -4,8 +4,10 @@ Phase one is the sampling of the N fields, phase two the audit of `cooperative.e
 both (two-phase sampling: Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Chapter 9). It assumes
 nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may hide among samples that
 were not refined, which `Estimate.unseen` and `Estimate.sampling_interval` give apart. Where draws far down the ranking
-fail, a note states it. Everything is a pure function of the rows and the plan, so what to run next and the estimate do
-not depend on what ran at once, in which order, or after which interruption.
+fail, a note states it. Where no run has failed P_f is 0, where all have it is 1, and the limit on the other side is
+that of `cooperative.estimate._alike`: what the model expects does not count as a failure. Everything is a pure function
+of the rows and the plan, so what to run next and the estimate do not depend on what ran at once, in which order, or
+after which interruption.
 
 A target for the coefficient of variation goes by the scatter alone.
 Who stops once the spread seen so far is small enough stops when few failures happened to be drawn, or when the estimate
@@ -28,6 +30,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cooperative.estimate._alike import limit_alike
 from cooperative.estimate._audit import (
     AuditPlan,
     AuditTotal,
@@ -42,7 +45,7 @@ from cooperative.estimate._audit import (
     surprise,
     unseen,
 )
-from cooperative.estimate._estimates import Estimate, with_variance
+from cooperative.estimate._estimates import Estimate, exact_limit, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._nested import first_variance
 from cooperative.estimate._protocol import Answers, Failures, Population
@@ -59,7 +62,8 @@ class _Replay:
     """The campaign so far, by rank (N,).
 
     Order of samples, weights, outcomes (nan for none), whether known, ranks of the certainty stratum, complete waves,
-    share of each of their draws (draws,), ranks to run next, and the model of all results.
+    share of each of their draws (draws,), ranks to run next, results of their wave that are there by now, and the model
+    of all results.
     """
 
     order: np.ndarray
@@ -70,7 +74,14 @@ class _Replay:
     waves: tuple[Wave, ...]
     share: np.ndarray
     missing: np.ndarray
+    waiting: int
     model: np.ndarray
+
+    @property
+    def alike(self) -> bool | None:
+        """Whether all runs with an answer failed, or all stand; None where some do either, or there is none."""
+        answered = self.outcome[~np.isnan(self.outcome)]
+        return bool(answered[0]) if answered.size and answered.min() == answered.max() else None
 
 
 def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> list[int]:
@@ -187,8 +198,9 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
         model = common
         if model is None:
             model = predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
+        waiting = int((there & ~known).sum()) if missing.size else 0
         share = np.concatenate(shares)
-        return _Replay(order, weight, outcome, known.copy(), certain, tuple(waves), share, missing, model)
+        return _Replay(order, weight, outcome, known.copy(), certain, tuple(waves), share, missing, waiting, model)
 
     so_far = state()
     while not missing.size and so_far.share.size < most and rest > SPENT and len(waves) != most_waves:
@@ -232,10 +244,11 @@ def _wave_share(
     if plan.target_cov is None:
         return share_by_order(drawn, size)
     needed = 0.0
-    if drawn and size < left:
+    # Without a failure nothing shows how many draws a target takes.
+    if drawn and size < left and so_far.alike is not False:
         # The estimate with shares by order is steadier while shares are few.
         so_far = replace(so_far, share=share_by_order(0, drawn))
-        estimate, beyond = _estimate(population, so_far, plan), _audit(so_far).beyond
+        estimate, beyond = _scattered(population, so_far, plan), _audit(so_far).beyond
         expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
         variance = draw_variance(wave, wave.model, so_far.weight)
         # Two waves at least.
@@ -299,6 +312,51 @@ def _audit(replay: _Replay, group: np.ndarray | None = None) -> AuditTotal:
 
 
 def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
+    """The estimate by its scatter, or by the limit of runs that all ended alike."""
+    estimate, alike = _scattered(population, replay, plan, level), replay.alike
+    if replay.waiting and estimate.refined_runs:
+        left = replay.missing.size
+        note = f"{replay.waiting} further refined runs are back and count once the other {left} of their wave are"
+        estimate = replace(estimate, notes=(*estimate.notes, note))
+    if np.isnan(estimate.audit_variance) or alike is None or (alike and not plan.proving):
+        return estimate
+    gone = np.flatnonzero(np.isnan(replay.outcome) & replay.known)
+    certain = int(np.isin(gone, replay.certain).sum())
+    limit = limit_alike(
+        population,
+        replay.waves,
+        known=replay.known,
+        weight=replay.weight,
+        replicate=None if population.replicate is None else population.replicate[replay.order],
+        unanswered=(gone.size - certain, certain),
+        proving=plan.proving,
+        level=level,
+    )
+    # What all samples leave open where those that did not run are as they rank.
+    least = exact_limit(population.independent, level)
+    open_ = limit if limit > least * (1 + 1e-9) else 0.0
+    if alike:
+        note = f"every refined run has failed: P_f is 1 so far, and at least {1 - limit:.3g} ({level:.0%} confidence)"
+        interval, sampling, open_ = (1 - limit, 1.0), (1 - least, 1.0), 0.0
+    else:
+        where = ", wherever failures hide in the ranking" if plan.proving else ", if failures rank above what stands"
+        note = f"no refined run has failed: P_f is 0 so far, and at most {limit:.2g} ({level:.0%} confidence){where}"
+        interval, sampling = (0.0, limit), (0.0, least)
+    return replace(
+        estimate,
+        probability=float(alike),
+        interval=interval,
+        # The standard deviation of an exponential rest with this limit.
+        cov=limit / 3 if alike else np.inf,
+        audit_variance=max(limit**2 - least**2, 0.0) / 9 if alike else 0.0,
+        notes=(*estimate.notes, note),
+        unseen=open_,
+        sampling_interval=sampling if plan.proving else None,
+        freedom=np.inf,
+    )
+
+
+def _scattered(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
     weight, model, group = replay.weight, replay.model, None
     if population.replicate is not None:
         group = np.unique(population.replicate[replay.order], return_inverse=True)[1]
@@ -317,9 +375,6 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
         # The scatter of few draws is combined with what the model expects of them.
         draws = replay.share.size
         variance = (draws * variance + PRIOR_DRAWS * audit.doubt) / (draws + PRIOR_DRAWS)
-    if np.nansum(replay.outcome) == 0 and not np.isinf(audit.effective_draws):
-        notes.append("no refined failure yet: the interval rests on the model")
-        variance, total = max(variance, audit.doubt), max(total, float(weight @ model))
     hidden = None
     if plan.proving:
         hidden = unseen(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
@@ -339,6 +394,7 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
     return with_variance(
         "two-phase", total, both, runs, freedom=freedom, audit_variance=variance, level=level, notes=tuple(notes),
         unseen=hidden, independent=np.inf if group is not None else float(population.independent),
+        failed=float(np.nansum(replay.outcome)), stand=float(np.nansum(1 - replay.outcome)),
     )  # fmt: skip
 
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from cooperative.estimate import published, wilson_interval
-from cooperative.estimate._estimates import with_variance
+from cooperative.estimate import count_interval, exact_limit, published, wilson_interval
+from cooperative.estimate._estimates import RARE, with_variance
 
 
 @given(st.integers(1, 2000), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))
@@ -40,19 +40,49 @@ def test_wilson_refuses_nonsense(arguments):
         wilson_interval(*arguments)
 
 
+@given(st.integers(1, 2000), st.floats(0, 1))
+def test_limits_of_few_counts_are_exact(samples, share):
+    failures = round(share * samples)
+    low, high = count_interval(failures, samples)
+    mirrored = count_interval(samples - failures, samples)
+    assert (low, high) == pytest.approx((1 - mirrored[1], 1 - mirrored[0]), abs=1e-12)
+    theirs = binomtest(failures, samples).proportion_ci(0.95, method="exact")
+    if failures == 0:
+        one_sided = binomtest(0, samples, alternative="less").proportion_ci(0.95, method="exact")
+        assert (low, high) == (0.0, pytest.approx(one_sided.high))
+        assert exact_limit(samples) == high
+    elif failures < RARE and samples - failures >= RARE:
+        assert low == pytest.approx(min(theirs.low, wilson_interval(failures, samples)[0]))
+        assert high == wilson_interval(failures, samples)[1]
+    elif failures >= RARE <= samples - failures:
+        assert (low, high) == wilson_interval(failures, samples)
+
+
+def test_few_failures_seen_leave_as_much_open_as_so_many_counted():
+    # A steady estimate from two failures: its scatter claims 250 of them.
+    steady = with_variance("two-phase", 0.2, 0.2 * 0.8 / 1250, 60, failed=2, stand=58)
+    assert steady.interval[0] == pytest.approx(binomtest(2, 10).proportion_ci(method="exact").low)
+    assert with_variance("two-phase", 0.2, 0.2 * 0.8 / 1250, 60).interval[0] == wilson_interval(250, 1250)[0]
+
+
 def test_published_counts_down_to_the_stopping_rank():
     displacement = np.arange(10.0, 0, -1)
     refined = {0: True, 1: True, 2: False, 3: True, 4: False, 5: False, 8: True}
     answer = published(displacement, refined, k_t=2)
     assert answer.probability == 0.3
     assert answer.refined_runs == 6
-    assert answer.interval == wilson_interval(3, 10)
+    assert answer.interval == count_interval(3, 10)
     assert answer.cov == pytest.approx(np.sqrt(0.7 / 3))
 
 
 def test_published_says_what_is_open():
     answer = published(np.arange(5.0, 0, -1), {0: True, 1: None}, k_t=3)
     assert any("not met yet" in note for note in answer.notes)
+    # All that did not run may fail.
+    assert answer.interval[1] == 1.0
+    assert published(np.arange(5.0, 0, -1), {}, k_t=3).interval == (0.0, 1.0)
+    some = published(np.arange(40.0, 0, -1), {0: True, **dict.fromkeys(range(1, 36), False)}, k_t=39)
+    assert some.interval[1] == pytest.approx(count_interval(5, 40)[1])
     assert any("1 refined runs gave no answer" in note for note in answer.notes)
 
 

@@ -8,6 +8,7 @@ from cooperative.estimate import (
     Population,
     after_more_runs,
     control_variate,
+    exact_limit,
     monte_carlo,
     next_audit,
     two_phase,
@@ -78,7 +79,9 @@ def test_the_control_variate_covers_where_few_runs_fail(pf, correlation):
         covered += low <= pf <= high
     assert covered / 300 > 0.94  # 0.87 by the residuals alone
     none = control_variate(displacement, dict.fromkeys(range(20), False))
-    assert none.interval[1] >= wilson_interval(0, 20)[1]
+    assert (none.probability, none.interval) == (0.0, (0.0, exact_limit(20)))
+    every = control_variate(displacement, dict.fromkeys(range(20), True))
+    assert (every.probability, every.interval) == (1.0, (1 - exact_limit(20), 1.0))
 
 
 @pytest.mark.parametrize(

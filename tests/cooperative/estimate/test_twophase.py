@@ -12,6 +12,7 @@ from scipy.stats import norm
 from cooperative.estimate import (
     AuditPlan,
     Population,
+    count_interval,
     next_audit,
     rank_samples,
     two_phase,
@@ -117,7 +118,8 @@ def test_all_samples_known_gives_the_exact_share():
 def test_few_samples_that_all_end_alike_leave_the_probability_open(outcome):
     displacement, _ = pair(10, 0.3, 0.9, 0)
     estimate = two_phase(Population(displacement), dict.fromkeys(range(10), outcome), AuditPlan(runs=10))
-    assert estimate.sampling_interval == pytest.approx(wilson_interval(10 * outcome, 10))
+    assert estimate.probability == outcome
+    assert estimate.interval == estimate.sampling_interval == pytest.approx(count_interval(10 * outcome, 10))
 
 
 @settings(max_examples=25, deadline=None)
@@ -235,7 +237,8 @@ def test_nothing_known_and_no_refined_failure_are_noted():
     assert start.interval == (0.0, 1.0)
     assert "no wave" in start.notes[0]
     none = two_phase(Population(displacement), answers(np.zeros(500, dtype=bool)), AuditPlan(runs=50))
-    assert "no refined failure" in none.notes[0]
+    assert (none.probability, none.interval[0]) == (0.0, 0.0)
+    assert "no refined run has failed: P_f is 0 so far, and at most 0.08" in none.notes[0]
     assert none.interval[1] > 3 / 500
 
 
