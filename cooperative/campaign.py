@@ -191,7 +191,7 @@ def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[n
 
     def share() -> str:
         now = Phases(estimator, sampling.failure_displacement, known, planned=planned, zones=zones).estimate
-        return "{:.3f} fail ({:.3f} to {:.3f})".format(now.probability, *now.interval)
+        return f"{now.probability:.3g} fail on the rough grid"
 
     with runner.bar("rough grid", planned, len(known)) as bar:
         while True:
@@ -234,7 +234,7 @@ def _refine(
 
     def estimate() -> str:
         now = screened.refined(known).estimate
-        return "P_f {:.3f} ({:.3f} to {:.3f})".format(now.probability, *now.interval)
+        return "P_f {:.3g} ({:.3g} to {:.3g})".format(now.probability, *now.interval)
 
     with runner.bar("refined grid", runner.campaign.estimator.budget(screened.planned), len(known)) as bar:
         while wanted(()):

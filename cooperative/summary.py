@@ -144,11 +144,14 @@ def _after_more_runs(campaign: Campaign, phases: Phases) -> MoreRuns:
     # Once the budget is spent the folder may allow more.
     allowed = left if budget is None or phases.why_finished else max(budget - len(phases.answers), 0)
     runs = min(MORE, left, allowed)
+    # Runs of a wave that is not complete do not count yet.
+    waiting = len(phases.answers) - estimate.refined_runs
 
     def after(more: int) -> float | None:
         if left and not estimate.audit_variance:
             return None
-        return _finite(after_more_runs(estimate, more if more < left else population.size, samples=population.size))
+        more = waiting + more if more < left else population.size
+        return _finite(after_more_runs(estimate, more, samples=population.size))
 
     return MoreRuns(runs, after(runs), left, after(left))
 

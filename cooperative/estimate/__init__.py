@@ -15,7 +15,16 @@ from cooperative.estimate._estimates import (
     wilson_interval,
     with_variance,
 )
-from cooperative.estimate._fits import CANDIDATES, ENOUGH, Fit, Fits, Severity, fit_distributions, severity_ranking
+from cooperative.estimate._fits import (
+    CANDIDATES,
+    ENOUGH,
+    FITTED,
+    Fit,
+    Fits,
+    Severity,
+    fit_distributions,
+    severity_ranking,
+)
 from cooperative.estimate._formulas import as_answers, control_variate, monte_carlo, published
 from cooperative.estimate._fragility import Curve, fit_fragility
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
@@ -43,6 +52,7 @@ __all__ = [
     "CANDIDATES",
     "ENOUGH",
     "ESTIMATORS",
+    "FITTED",
     "NOT_ASKED",
     "SETTINGS",
     "Answers",

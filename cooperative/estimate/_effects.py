@@ -222,8 +222,9 @@ def risk_of(
         came = {what: slid[f"{what}_at_{exposed.key}"] for what in ("thickness", "speed", "arrival")}
         reached = np.isfinite(came["arrival"])
         chance = chance_of(estimate, weight, reached[:, None])
-        # A slide that had not come to rest may reach it yet.
-        low, high = float(chance.low[0]), estimate.interval[1] if at_least else float(chance.high[0])
+        # A slide that had not come to rest may reach it yet, unless all have.
+        open_ = at_least and not reached.all()
+        low, high = float(chance.low[0]), estimate.interval[1] if open_ else float(chance.high[0])
         # Nothing that comes after the end of the runs is seen.
         limits = {"arrival": cut.t_end}
         spreads = {
@@ -239,11 +240,12 @@ def risk_of(
         if exposed.vulnerability is not None and exposed.value is not None:
             each = np.where(reached, exposed.value * exposed.vulnerability.share(came[exposed.vulnerability.of]), 0.0)
             # Shares of the value do not fall.
-            most = exposed.value * exposed.vulnerability.lost[-1] * high
-            loss = ElementLoss(exposed.value, *expected_of(estimate, weight, each, most, at_least), at_least)
-            lost, bound = lost + each, bound + most
+            all_of_it = exposed.value * exposed.vulnerability.lost[-1]
+            more = at_least and bool((each < all_of_it * (1 - 1e-3)).any())
+            loss = ElementLoss(exposed.value, *expected_of(estimate, weight, each, all_of_it * high, more), more)
+            lost, bound = lost + each, bound + all_of_it * high
         elements[exposed.name] = Element(
-            Reached(float(chance.value[0]), (low, high), at_least),
+            Reached(float(chance.value[0]), (low, high), open_),
             **spreads,
             loss=loss,
             carried=Reached(float(carried.value[0]), (float(carried.low[0]), most_likely), at_least),
@@ -252,9 +254,10 @@ def risk_of(
     if all(element.loss is None for element in elements.values()):
         return Risk(elements, None)
     part, whole, modes = weight * lost, float(weight @ lost), slid["mode"]
+    more = any(element.loss is not None and element.loss.at_least for element in elements.values())
     loss_of_all = Loss(
-        *expected_of(estimate, weight, lost, bound, at_least),
-        at_least,
+        *expected_of(estimate, weight, lost, bound, more),
+        more,
         exceedance=exceedance(estimate, weight, lost, np.unique(np.concatenate([[0.0], lost]))),
         modes={mode: float(part[modes == mode].sum() / whole) for mode in SEVERITY if mode in modes and whole},
         samples=tuple(

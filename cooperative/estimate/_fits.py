@@ -18,6 +18,8 @@ from cooperative.estimate._estimates import FEWEST, effective_size
 
 # Fewer samples than this tell six two-parameter distributions apart no better than chance would.
 ENOUGH = 30
+FITTED = 10
+"""Samples from which on a distribution is fitted."""
 FREE = 2
 """Free parameters of each candidate."""
 
@@ -92,8 +94,8 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
     """Fit all candidates to `values` (n,) by maximum likelihood.
 
     Every candidate has two free parameters; gamma, Weibull and lognormal start at 0 and are left out, with a note,
-    where a value is not positive. With fewer than 2 distinct values nothing is fitted; with fewer than 30 a note states
-    that the choice means little, as it does when the runner-up is within 2 of the best AIC.
+    where a value is not positive. Nothing is fitted to fewer than 10 values, or to values that are all alike; with
+    fewer than 30 a note states that the choice means little, as it does when the runner-up is within 2 of the best AIC.
 
     Args:
         values: one finite number for each sample (n,).
@@ -113,8 +115,9 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
         )
     size = effective_size(share)
     share = share * size / share.sum() if values.size else share
-    if np.unique(values).size < 2:
-        few = f"{values.size} samples with fewer than 2 distinct values: too few for a fit"
+    distinct = np.unique(values).size
+    if values.size < FITTED or distinct < 2:
+        few = f"{values.size} samples, {distinct} of them distinct, are too few for a fit: it takes {FITTED}"
         return Fits((), values.size, None, None, (few,))
     notes, least = [], values.min()
     if size < ENOUGH:

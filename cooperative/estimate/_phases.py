@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from cooperative.estimate._audit import FAR_DOWN
-from cooperative.estimate._estimates import Estimate, binomial, effective_size
+from cooperative.estimate._estimates import Estimate
 from cooperative.estimate._protocol import (
     Answers,
     Estimator,
@@ -99,7 +99,7 @@ class Phases:
     def estimate(self) -> Estimate:
         """Probability of failure by the campaign's estimator.
 
-        While the first phase is not complete, the share that fails on the rough grid.
+        While the first phase is not complete, the share that fails on the rough grid, which leaves P_f open.
         """
         if self.population is None:
             return self._rough_alone
@@ -176,14 +176,11 @@ class Phases:
         method, notes = "rough grid alone", ["screening is not complete: the share that fails on the rough grid alone"]
         if lost := len(self.rough) - len(known):
             notes.append(f"{lost} rough runs gave no answer and are left out")
-        if not known:
-            return Estimate(0.0, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
         weight = np.array([self.zones[n].weight if self.zones else 1.0 for n in known])
-        size = effective_size(weight)
         fails = np.array(list(known.values()), bool)
-        # Sums of the same array: where all fail, rounding would else make more failures than samples.
-        failed = size * float(weight[fails].sum() / weight.sum())
-        return binomial(method, failed, size, 0, notes=tuple(notes))
+        share = float(weight[fails].sum() / weight.sum()) if known else 0.0
+        # No number of rough runs shows what the refined grid makes of them.
+        return Estimate(share, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
 
     @cached_property
     def _numbers(self) -> list[int]:

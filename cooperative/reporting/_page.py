@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
-from cooperative.estimate import ENOUGH, NOT_ASKED, Risk, after_more_runs
+from cooperative.estimate import ENOUGH, FITTED, NOT_ASKED, Risk, after_more_runs
 from cooperative.folder import Results
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _sentences as sentences
@@ -68,10 +68,10 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
     yield heading("How it was run")
     yield run_table(results)
     yield shown("field")
-    if missing or {"severity", "fits-all"} & names:
+    if missing or any(summary.fits.values()):
         yield heading("Distributions of what the slides do")
         yield paragraph(missing)
-    if not missing and {"severity", "fits-all"} & names:
+    if not missing and any(summary.fits.values()):
         yield shown("severity")
         yield from best_fits(results)
         yield shown("fits")
@@ -85,12 +85,7 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
 def answer(results: Results) -> Iterator[str]:
     """The answer in a sentence, what it rests on, and what limits it."""
     summary = results.summary
-    chance, (low, high) = summary.probability_of_failure, summary.interval
-    yield headline(
-        "The slope fails with probability" if chance else "No run has failed: the slope fails with probability",
-        f"{chance:.3g}",
-        f"({summary.level:.0%} interval {low:.3g} to {high:.3g}){in_slopes(chance)}.",
-    )
+    yield headline(*sentences.verdict(summary.estimate))
     yield paragraph(
         f"{sentences.criterion(results)} {sentences.screened(summary)}, {summary.refined_runs} of these on the "
         f"refined one, where {summary.failures_refined} failed. {reach(results)}".strip()
@@ -135,11 +130,13 @@ def further_runs(results: Results) -> Iterator[str]:
         yield paragraph(f"Every {which} has run on the refined grid: only more {which}s would narrow the interval.")
         return
     if left is None or summary.after_more_runs.coefficient_of_variation is None:
-        yield paragraph("The runs so far do not show what more of them would bring.")
+        yield paragraph(sentences.more(summary) or "The runs so far do not show what more of them would bring.")
         return
+    # Runs of a wave that is not complete do not count yet.
+    waiting, samples = summary.refined_runs - summary.estimate_runs, summary.refined_runs + left
     each = summary.seconds["refined"] / max(summary.refined_runs, 1)
     counts = [*(count for count in MORE_RUNS if count < left), left]
-    covs = [after_more_runs(estimate, count, samples=estimate.refined_runs + left) for count in counts]
+    covs = [after_more_runs(estimate, waiting + count, samples=samples) for count in counts]
     yield table(
         ["more refined runs", "coefficient of variation", "time on one machine, about"],
         [[count, float(cov), duration(count * each)] for count, cov in zip(counts, covs, strict=True)],
@@ -156,7 +153,7 @@ def estimates(summary: Summary) -> str:
     return table(
         ["estimator", "probability", f"{summary.level:.0%} interval", "coefficient of variation"],
         [
-            [name, each.probability, "{:.3g} to {:.3g}".format(*each.interval), cov]
+            [name, each.probability, " to ".join(map(number, each.interval)), cov]
             for name, each, cov in (
                 (summary.estimator, own, summary.coefficient_of_variation),
                 *((name, other, None) for name, other in summary.other_estimates.items()),
@@ -201,10 +198,20 @@ def risks(summary: Summary, risk: Risk) -> Iterator[str]:
 def best_fits(results: Results) -> Iterator[str]:
     """The distribution that fits each consequence best, and groups with too few slides."""
     fits = sentences.distinct(results)
+    if few := {
+        group: fit.samples
+        for group, each in results.summary.fits.items()
+        for fit in each.values()
+        if fit.samples < FITTED
+    }:
+        counts = ", ".join(f"{count} {group}" for group, count in few.items())
+        yield paragraph(f"Too few slides for a fit ({counts}); it takes {FITTED}.", "note")
     few = {group: fit.samples for group, each in fits.items() for fit in each.values() if fit.samples < ENOUGH}
     if few:
         counts = ", ".join(f"{count} {group}" for group, count in few.items())
         yield paragraph(f"Too few failures to tell distributions apart ({counts}); {ENOUGH} are enough.", "note")
+    if not fits:
+        return
     yield table(
         ["failures", "consequence", "best by AIC", "best by BIC", "equally good by AIC"],
         [
@@ -258,14 +265,6 @@ def without_slides(summary: Summary) -> str:
 def finished(summary: Summary) -> str:
     """Whether the campaign has ended, and why."""
     return f"The campaign has ended: {summary.finished}." if summary.finished else "The campaign has not ended yet."
-
-
-def in_slopes(chance: float) -> str:
-    """A probability as a count of slopes; empty at 0 and 1."""
-    if not 0 < chance < 1:
-        return ""
-    many = f": {chance * 100:.0f} in 100 such slopes"
-    return many if chance > 0.095 else f": one in {float(f'{1 / chance:.2g}'):.0f} such slopes"
 
 
 def reach(results: Results) -> str:

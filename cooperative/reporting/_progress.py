@@ -16,6 +16,7 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Estimate, Estimator, Phases
+from cooperative.reporting._sentences import number, probability
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import (
     GRIDS,
@@ -203,7 +204,7 @@ def words(progress: Progress) -> str:
         name = grid.grid if grid.grid == SLIDES else f"{grid.grid} grid"
         line = f"  {name:<14} {grid.done} of {most} samples"
         if np.isfinite(grid.hourly):
-            line += f", {grid.hourly:.3g} per hour"
+            line += f", {number(grid.hourly)} per hour"
         if grid.done < grid.planned and np.isfinite(grid.seconds_left):
             line += f", {duration(grid.seconds_left)} left"
         lines.append(line)
@@ -214,11 +215,7 @@ def words(progress: Progress) -> str:
     if estimate is None:
         lines.append("  no finished sample yet")
         return "\n".join(map(printable, lines))
-    low, high = estimate.interval
-    lines.append(
-        f"  probability of failure so far  {estimate.probability:.3f}  "
-        f"({estimate.level:.0%} interval {low:.3f} to {high:.3f}; {estimate.method})"
-    )
+    lines.append(f"  probability of failure so far  {probability(estimate)}")
     lines += [f"  note: {note}" for note in (*estimate.notes, *filter(None, [progress.versions]))]
     return "\n".join(map(printable, lines))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from cooperative.estimate import Element, Fits, ModeShare, Spread
+from cooperative.estimate import Element, Estimate, Fits, ModeShare, Spread
 from cooperative.folder import Results
 from cooperative.values import Summary
 from foundation.text import printable
@@ -17,17 +17,15 @@ Cell = str | float | int | None
 def words(results: Results) -> str:
     """The summary for the terminal."""
     summary = results.summary
-    low, high = summary.interval
     lines = [
         summary.name,
-        f"  probability of failure  {summary.probability_of_failure:.3f}  "
-        f"({summary.level:.0%} interval {low:.3f} to {high:.3f}; {summary.estimator})",
+        f"  probability of failure  {probability(summary.estimate)}",
         *(f"  {line}" for line in (criterion(results), unseen(summary), condition(summary)) if line),
         *(f"  at risk        {line}" for line in at_risk(summary)),
     ]
     for method, other in summary.other_estimates.items():
-        low, high = other.interval
-        lines.append(f"  by {method:<20} {other.probability:.3f}  ({low:.3f} to {high:.3f})")
+        low, high = map(number, other.interval)
+        lines.append(f"  by {method:<20} {number(other.probability)}  ({low} to {high})")
     if summary.coarse_samples is not None:
         lines.append(
             f"  coarse grid    {summary.coarse_samples} samples; each of those below stands for a zone of ranks"
@@ -63,6 +61,50 @@ def criterion(results: Results) -> str:
     return f"It fails when {soil} moves farther than {number(summary.failure_displacement)} m, on either grid."
 
 
+def unknown(interval: Sequence[float]) -> bool:
+    """Whether nothing is known of a probability with these confidence limits."""
+    return tuple(interval) == (0.0, 1.0)
+
+
+def probability(estimate: Estimate) -> str:
+    """A probability of failure in words, with its interval, or one limit where all runs ended alike."""
+    chance, (low, high), sure = number(estimate.probability), estimate.interval, f"{estimate.level:.0%}"
+    if unknown(estimate.interval):
+        return f"not known yet  ({chance} by {estimate.method}, without a refined run that counts)"
+    if estimate.probability == 0:
+        return f"0, at most {number(high)}  ({sure} confidence; {estimate.method})"
+    if estimate.probability == 1:
+        return f"1, at least {number(low)}  ({sure} confidence; {estimate.method})"
+    return f"{chance}  ({sure} interval {number(low)} to {number(high)}; {estimate.method})"
+
+
+def verdict(estimate: Estimate) -> tuple[str, str, str]:
+    """The answer in a sentence: what stands before its number, the number, and what stands behind it."""
+    chance, (low, high), sure = estimate.probability, estimate.interval, f"{estimate.level:.0%}"
+    if unknown(estimate.interval):
+        return (
+            "How likely the slope fails is not known yet: no refined run counts so far. Without one,",
+            number(chance),
+            f"is the share that fails by {estimate.method}.",
+        )
+    if chance == 0:
+        return "No refined run has failed: the slope fails with a probability of at most", number(high), f"({sure})."
+    if chance == 1:
+        return "Every refined run has failed: the slope fails with a probability of at least", number(low), f"({sure})."
+    counted = f"({sure} interval {number(low)} to {number(high)}){in_slopes(chance)}."
+    return "The slope fails with probability", number(chance), counted
+
+
+def in_slopes(chance: float) -> str:
+    """A probability as a count of slopes; empty at 0 and 1."""
+    if not 0 < chance < 1:
+        return ""
+    many = f": {chance * 100:.0f} in 100 such slopes"
+    if chance >= 0.995:
+        return ": more than 99 in 100 such slopes"
+    return many if chance > 0.095 else f": one in {float(f'{1 / chance:.2g}'):,.0f} such slopes"
+
+
 def screened(summary: Summary) -> str:
     """How many samples ran on the rough grid, and on the coarse one before it."""
     if summary.coarse_samples is None:
@@ -81,10 +123,12 @@ def condition(summary: Summary) -> str:
             "All probabilities are conditional on the scene: nothing says how often its trigger comes. With [campaign] "
             "annual_frequency they are annual, too."
         )
-    low, high = (number(annual(chance, often)) for chance in summary.interval)
+    low, high = (annual(chance, often) for chance in summary.interval)
+    if unknown(summary.interval):
+        return f"The scene's trigger comes {often:g} times a year."
     return (
         f"The scene's trigger comes {often:g} times a year: the slope fails with an annual probability of "
-        f"{number(annual(summary.probability_of_failure, often))} ({low} to {high})."
+        f"{number(annual(summary.probability_of_failure, often))} ({limits((low, high))})."
     )
 
 
@@ -111,11 +155,12 @@ def at_risk(summary: Summary) -> Iterator[str]:
             text += f", {number(annual(chance, often))} a year"
         if (loss := element.loss) is not None:
             text += (
-                f"; of its value {number(loss.value)} the expected loss is "
-                f"{at_least(loss.expected, loss.at_least)}, at most {number(loss.interval[1])}"
+                f"; of its value {number(loss.value)} the expected loss is {at_least(loss.expected, loss.at_least)} "
+                f"({limits(loss.interval)})"
             )
             if often is not None:
-                text += f"; {number(often * loss.expected)} a year, at most {number(often * loss.interval[1])}"
+                yearly = at_least(often * loss.expected, loss.at_least)
+                text += f"; {yearly} a year ({limits([often * limit for limit in loss.interval])})"
         if element.carried.probability:
             carried = element.carried
             text += (
@@ -157,11 +202,16 @@ def unseen(summary: Summary) -> str:
     if summary.sampling_interval is None or not summary.unseen:
         return ""
     low, high = summary.sampling_interval
+    if not summary.probability_of_failure:
+        return (
+            f"If samples that were not refined stand as their ranks suggest, P_f is at most {number(high)}. The limit "
+            f"of {number(summary.interval[1])} holds wherever in the ranking failures hide, and falls with every run."
+        )
     cov = summary.coefficient_of_variation
     spread = "" if cov is None else f" (coefficient of variation {cov:.1%})"
     return (
-        f"Sampling error alone gives {low:.3g} to {high:.3g}{spread}. The wider interval allows for failures in up to "
-        f"{summary.unseen:.2g} of all samples, among low-ranked ones that were not refined."
+        f"Sampling error alone gives {number(low)} to {number(high)}{spread}. The wider interval allows for failures "
+        f"in up to {summary.unseen:.2g} of all samples, among low-ranked ones that were not refined."
     )
 
 
@@ -169,6 +219,10 @@ def more(summary: Summary) -> str:
     """What further refined runs would bring; empty where the runs do not show it."""
     after, now = summary.after_more_runs, summary.coefficient_of_variation
     runs, left, then = after.runs, after.samples_left, after.coefficient_of_variation
+    if not summary.probability_of_failure and summary.estimate_runs and left and runs:
+        # The limit of n runs without a failure is in proportion to 1 / n.
+        least = summary.interval[1] * summary.estimate_runs / (summary.refined_runs + runs)
+        return f"Another {runs} refined runs without a failure would lower the upper limit to about {least:.2g}."
     if now is None or then is None or (left and not runs):
         return ""
     # Where all fail the coefficient is 0 but for rounding, and no measure of what is known.
@@ -249,8 +303,8 @@ def units(results: Results) -> dict[str, str]:
 
 
 def number(value: float) -> str:
-    """Four significant figures: 0.1234, 42,560."""
-    return f"{float(f'{value:.4g}'):,.0f}" if 1e4 <= abs(value) < 1e12 else f"{value:.4g}"
+    """Three significant figures: 0.123, 42,600."""
+    return f"{float(f'{value:.3g}'):,.0f}" if 999.5 <= abs(value) < 1e12 else f"{value:.3g}"
 
 
 def consequences(results: Results) -> list[list[Cell]]:

@@ -62,12 +62,13 @@ def test_the_choice_does_not_depend_on_the_unit(factor):
 
 
 def test_too_few_and_not_positive_are_noted():
-    few = fit_distributions(np.array([1.0, 2.0, 4.0]))
+    few = fit_distributions(np.arange(1.0, 11.0))
     assert few.best_aic is not None
-    assert "3 samples are too few" in few.notes[0]
-    none = fit_distributions(np.array([3.0, 3.0]))
-    assert (none.best_aic, none.fits) == (None, ())
-    assert "too few for a fit" in none.notes[0]
+    assert "10 samples are too few to tell distributions apart" in few.notes[0]
+    for values in (np.arange(1.0, 10.0), np.full(20, 3.0)):
+        none = fit_distributions(values)
+        assert (none.best_aic, none.fits) == (None, ())
+        assert "too few for a fit: it takes 10" in none.notes[0]
     touched = fit_distributions(np.append(TRUTHS["normal"].rvs(40, random_state=0), 0.0))
     assert {fit.name for fit in touched.fits} == {"normal", "logistic", "Gumbel"}
     assert sum("is for positive values" in note for note in touched.notes) == 3

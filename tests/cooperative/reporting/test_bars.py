@@ -21,8 +21,8 @@ def test_the_bar_tells_pace_time_left_and_the_interval(tmp_path, monkeypatch, ca
     run(AUDITED, tmp_path / "shown", progress=True)
     assert not (tmp_path / "shown" / "progress.log").exists()
     rough, refined = capsys.readouterr().err.split("refined grid 0/")
-    assert re.search(r"rough grid 12/12 .* left, [\d.e+]+ per hour, [\d.]+ fail \([\d.]+ to [\d.]+\)", rough)
-    assert re.search(r"refined grid 10/10 .* per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", refined)
+    assert re.search(r"rough grid 12/12 .* left, [\d.e+]+ per hour, [\d.]+ fail on the rough grid", rough)
+    assert re.search(r"refined grid 10/10 .* per hour, P_f [\d.e-]+ \([\d.e-]+ to [\d.]+\)", refined)
 
 
 def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, capsys):
@@ -31,7 +31,9 @@ def test_without_a_terminal_lines_tell_it_on_stderr_and_in_the_folder(tmp_path, 
     events = [LINE.fullmatch(line)[1] for line in log]
     assert events[0] == f"begun by process {os.getpid()} on {socket.gethostname()}"
     assert events[-1] == "done"
-    assert re.fullmatch(r"refined grid 10/10, .* left, [\d.e+]+ per hour, P_f [\d.]+ \([\d.]+ to [\d.]+\)", events[-2])
+    assert re.fullmatch(
+        r"refined grid 10/10, .* left, [\d.e+]+ per hour, P_f [\d.e-]+ \([\d.e-]+ to [\d.]+\)", events[-2]
+    )
     assert len(events) < 8  # a line a minute for each grid, not one a sample
     assert capsys.readouterr().err.splitlines() == log[1:-1]
 

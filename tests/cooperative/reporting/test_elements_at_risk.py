@@ -31,7 +31,7 @@ def summary(often):
 def test_elements_at_risk_have_probability_and_loss_with_their_limits():
     road, house, mast = sentences.at_risk(summary(None))
     assert road == (
-        "road is reached with probability 0.1 (0.04 to 0.2); of its value 1000 the expected loss is 50, at most 120"
+        "road is reached with probability 0.1 (0.04 to 0.2); of its value 1,000 the expected loss is 50 (10 to 120)"
     )
     carried = "; its own ground is carried away with probability at least 0.3 (0.2 to 0.4)"
     assert house == f"house is reached with probability 0 (at most 0.05){carried}"
@@ -41,10 +41,10 @@ def test_elements_at_risk_have_probability_and_loss_with_their_limits():
 
 def test_a_frequency_makes_them_annual():
     road, house, _ = sentences.at_risk(summary(0.01))
-    assert "0.0009995 a year; of its value" in road
-    assert road.endswith("; 0.5 a year, at most 1.2")
+    assert "0.001 a year; of its value" in road
+    assert road.endswith("; 0.5 a year (0.1 to 1.2)")
     assert ", 0 a year; its own ground" in house
-    assert "annual probability of 0.001998 (0.0009995 to 0.002996)" in sentences.condition(summary(0.01))
+    assert "annual probability of 0.002 (0.001 to 0.003)" in sentences.condition(summary(0.01))
     assert parse(TINY + "annual_frequency = 0.01\n").plan.annual_frequency == 0.01
     with pytest.raises(ValueError, match="annual_frequency = 0"):
         parse(TINY + "annual_frequency = 0.0\n")

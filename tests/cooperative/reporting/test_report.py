@@ -12,12 +12,14 @@ import pytest
 
 from cooperative import runs
 from cooperative.__main__ import main
+from cooperative.estimate import FITTED, Estimate
 from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
 from cooperative.reporting import _bodies as bodies
 from cooperative.reporting import _composition as composition
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as html
+from cooperative.reporting import _sentences as sentences
 from cooperative.reporting import report, write_table
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
@@ -78,7 +80,7 @@ def test_the_page_needs_nothing_else_and_every_figure_is_drawn(tmp_path, done, e
     shown = Page(text)
     assert "default-src 'none'" in text.split("</head>")[0]
     names = {path.stem for path in (folder / "figures").iterdir()}
-    assert {"ranked", "convergence", "grids", "exceedance", "hazard", "losses", "fits-all", "field", "slope"} <= names
+    assert {"ranked", "convergence", "grids", "exceedance", "hazard", "losses", "field", "slope"} <= names
     assert len([name for name in names if name.startswith("slide-")]) == 3
     # Every figure has its caption, and a drawing that is well-formed for itself and names that caption.
     drawings = re.findall(r'<svg role="img".*?</svg>', text, flags=re.S)
@@ -109,7 +111,11 @@ def test_nothing_is_shown_twice(done):
     modes = {mode for mode, share in summary.modes.items() if share.count}
     names = {path.stem for path in (folder / "figures").iterdir()}
     assert ("modes" in names) == ("severity" in names) == (len(modes) > 1)
-    assert {f"fits-{mode}" for mode in modes} <= names if len(modes) > 1 else "fits-all" in names
+    # Nothing is fitted to fewer than ten slides.
+    fitted = {mode for mode in modes if summary.modes[mode].count >= FITTED} if len(modes) > 1 else {"all"}
+    enough = summary.slides >= FITTED
+    assert {name for name in names if name.startswith("fits")} == {f"fits-{mode}" for mode in fitted if enough}
+    assert enough or "Too few slides for a fit" in (folder / "report.html").read_text()
     shown = Page((folder / "report.html").read_text())
     assert not any("influence area" in text for text in shown.text)
 
@@ -299,11 +305,39 @@ def test_no_slides_and_bad_numbers_of_slides(done, capsys):
 
 @pytest.mark.parametrize(
     ("chance", "text"),
-    [(0.0, ""), (1.0, ""), (0.4, ": 40 in 100 such slopes"), (0.1, ": 10 in 100 such slopes"),
-     (0.05, ": one in 20 such slopes"), (0.0012, ": one in 830 such slopes"), (1e-6, ": one in 1000000 such slopes")],
+    [(0.0, ""), (1.0, ""), (0.999, ": more than 99 in 100 such slopes"),
+     (0.4, ": 40 in 100 such slopes"), (0.1, ": 10 in 100 such slopes"),
+     (0.05, ": one in 20 such slopes"), (0.0012, ": one in 830 such slopes"), (1e-6, ": one in 1,000,000 such slopes")],
 )  # fmt: skip
 def test_probabilities_are_counted_in_slopes(chance, text):
-    assert html.in_slopes(chance) == text
+    assert sentences.in_slopes(chance) == text
+
+
+def _estimate(chance, interval, runs=20):
+    return Estimate(chance, interval, np.inf, runs, "two-phase")
+
+
+@pytest.mark.parametrize(
+    ("estimate", "terminal", "page"),
+    [
+        (_estimate(0.465, (0.0, 1.0), 0), "not known yet  (0.465 by two-phase, without a refined run that counts)",
+         "not known yet: no refined run counts so far. Without one, 0.465 is the share that fails by two-phase."),
+        (_estimate(0.0, (0.0, 0.171)), "0, at most 0.171  (95% confidence; two-phase)",
+         "No refined run has failed: the slope fails with a probability of at most 0.171 (95%)."),
+        (_estimate(1.0, (0.829, 1.0)), "1, at least 0.829  (95% confidence; two-phase)",
+         "Every refined run has failed: the slope fails with a probability of at least 0.829 (95%)."),
+        (_estimate(3.57e-6, (1.23456e-6, 1e-5)), "3.57e-06  (95% interval 1.23e-06 to 1e-05; two-phase)",
+         "(95% interval 1.23e-06 to 1e-05): one in 280,000 such slopes."),
+        (_estimate(0.24449, (0.0, 0.5)), "0.244  (95% interval 0 to 0.5; two-phase)", ": 24 in 100 such slopes."),
+    ],
+    ids=["before the first refined run", "none fails", "all fail", "rare", "some fail"],
+)  # fmt: skip
+def test_the_answer_in_words(estimate, terminal, page):
+    assert sentences.probability(estimate) == terminal
+    whole = " ".join(sentences.verdict(estimate))
+    assert page in whole
+    # Only failures that were seen are counted in slopes.
+    assert ("such slopes" in whole) == (0 < estimate.probability < 1 and estimate.interval != (0.0, 1.0))
 
 
 def test_bodies_go_with_their_soil():
@@ -325,11 +359,11 @@ def test_bodies_go_with_their_soil():
 
 def test_tables_set_numbers_apart_from_text():
     made = html.table(["a", "b"], [["x < y", 1.23456], [None, 7]])
-    assert '<td data-head="a">x &lt; y</td><td class="number" data-head="b">1.235</td>' in made
+    assert '<td data-head="a">x &lt; y</td><td class="number" data-head="b">1.23</td>' in made
     assert '<td class="number" data-head="a">–</td><td class="number" data-head="b">7</td>' in made
     assert '<th scope="col">a</th><th scope="col" class="number">b</th>' in made
-    values = (0.12345, 42_561.0, 1e12, -123.456)
-    assert [html.number(value) for value in values] == ["0.1235", "42,560", "1e+12", "-123.5"]
+    values = (0.12345, 42_561.0, 999.7, 1234.5, 1e12, -123.456)
+    assert [html.number(value) for value in values] == ["0.123", "42,600", "1,000", "1,230", "1e+12", "-123"]
 
 
 def copied(done, folder):
