@@ -140,6 +140,12 @@ def ranked_limit(
         replicate: by rank (N,), None for independent samples.
         level: confidence level of the limit.
     """
+    # It holds at every look (Ville 1939), so what an earlier wave left open no later one opens again.
+    earlier = 1.0
+    if len(waves) > 1:
+        before = known.copy()
+        before[waves[-1].ranks] = False
+        earlier = ranked_limit(waves[:-1], before, weight, replicate, level=level)
     log_missed, open_ = np.zeros(weight.size), ~known
     for wave in waves:
         reached = np.cumsum(np.where(open_, wave.chance, 0.0))
@@ -149,10 +155,10 @@ def ranked_limit(
     ranks = np.arange(first + 1)
     share = float(weight[ranks].sum())
     if replicate is None:
-        return min(share + exact_limit(weight.size, level), 1.0)
+        return min(share + exact_limit(weight.size, level), earlier)
     each = np.bincount(np.unique(replicate, return_inverse=True)[1][ranks], weight[ranks], np.unique(replicate).size)
     error = float(each.std(ddof=1)) * np.sqrt(each.size)
-    return min(share + float(quantile(2 * level - 1, np.array(each.size - 1.0))) * error, 1.0)
+    return min(share + float(quantile(2 * level - 1, np.array(each.size - 1.0))) * error, earlier)
 
 
 def limit_alike(

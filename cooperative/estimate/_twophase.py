@@ -173,8 +173,9 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
             f"{lost} rough runs broke off and want a refined run each, of {plan.runs} runs in all: "
             "give more runs (--refined-runs), or mend the rough grid"
         )
-    score = normal_scores(weight)
-    centre = rough_centre(population.rough_displacement[order], weight, population.failure_displacement)
+    rare = population.replicate is not None
+    score = normal_scores(weight, rare=rare)
+    centre = rough_centre(population.rough_displacement[order], weight, population.failure_displacement, rare=rare)
     results = [refined.get(int(sample), "missing") for sample in order]
     there = np.array([answer != "missing" for answer in results])
     value = np.array([np.nan if answer in (None, "missing") else float(answer) for answer in results])
@@ -371,7 +372,7 @@ def _scattered(population: Population, replay: _Replay, plan: AuditPlan, level: 
         notes.append(f"{why}: the estimate is the model's")
         return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)
     variance, total = audit.variance, audit.total
-    if plan.target_cov is not None:
+    if plan.target_cov is not None or group is not None:
         # The scatter of few draws is combined with what the model expects of them.
         draws = replay.share.size
         variance = (draws * variance + PRIOR_DRAWS * audit.doubt) / (draws + PRIOR_DRAWS)

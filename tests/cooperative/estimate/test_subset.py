@@ -44,6 +44,40 @@ def test_subset_simulation_feeds_the_audit():
     assert covered >= 35
 
 
+def deep(seed, correlation=0.98, runs=60, fails=True):
+    """Six levels down to a P_f of 1e-6: its audit, and the share that fails by the levels alone."""
+    pf = 1e-6
+    plan = SubsetPlan(per_level=100, levels=6, replicates=8, seed=seed)
+    result = subset_simulation(lambda xi: np.exp(xi[:, 0] - norm.isf(pf)), 3, plan)
+    x, y = result.coefficients[:, :2].T
+    failed = (correlation * x + np.sqrt(1 - correlation**2) * y > norm.isf(pf)) & fails
+    population = Population(result.rough_displacement, weight=result.weight, replicate=result.replicate)
+    plan = AuditPlan(runs=runs, seed=seed, growth=0.5, proving=0)
+    return two_phase(population, answers(failed), plan), result.weight[result.rough_displacement > 1].sum()
+
+
+def test_the_audit_of_deep_levels_looks_where_failures_are():
+    estimates = [deep(seed)[0] for seed in range(12)]
+    shares = np.array([each.probability for each in estimates]) / 1e-6
+    # The audit drew no failure in nearly all of these while the model's tail decided where it looked.
+    assert np.mean(shares == 0) <= 0.25
+    assert 0.3 < np.median(shares) < 2
+    covered = sum(each.interval[0] <= 1e-6 <= each.interval[1] for each in estimates)
+    assert covered >= 9
+
+
+def test_deep_levels_without_a_failure_have_a_limit_and_no_probability():
+    widths = []
+    for runs in (20, 60, 120):
+        estimate, rough = deep(0, runs=runs, fails=False)
+        assert (estimate.probability, estimate.interval[0]) == (0.0, 0.0)
+        assert "if failures rank above what stands" in " ".join(estimate.notes)
+        widths.append(estimate.interval[1] / rough)
+    # It never rises, and is of the order of what fails on the rough grid.
+    assert widths[0] >= widths[1] >= widths[2]
+    assert widths[0] < 10
+
+
 def test_subset_simulation_takes_runs_that_broke_off_for_the_largest():
     def rough(xi):
         return np.where(xi[:, 0] > 3, np.nan, xi[:, 0])
