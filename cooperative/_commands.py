@@ -37,8 +37,8 @@ Command = Callable[[argparse.Namespace], None]
 
 
 def default_workers() -> int:
-    """One process per core on CPU; on other devices one process for all lanes."""
-    return len(runs.cores_to_use()) if jax.default_backend() == "cpu" else 1
+    """One process per core on CPU; on other devices, or without any, one process for all lanes."""
+    return len(runs.cores_to_use()) if not runs.missing_device() and jax.default_backend() == "cpu" else 1
 
 
 def run(given: argparse.Namespace) -> None:
@@ -175,7 +175,7 @@ def example(given: argparse.Namespace) -> None:
 def examine(given: argparse.Namespace) -> None:
     """Say what this installation is, and check in seconds that it computes what it should."""
     if not doctor.examine():
-        raise ValueError("the self-check found wrong answers: see above")
+        raise ValueError("the self-check did not pass: see above")
 
 
 def complete(given: argparse.Namespace) -> None:
@@ -349,11 +349,18 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with _warning_in_lines():
             runs.keep_compiled()
+            runs.set_flags()
             given.does(given)
     except (ValueError, OSError) as error:
         # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.
         own = isinstance(error, OSError) and error.filename is None and error.strerror
         print(f"error: {printable(str(own or error))}", file=sys.stderr)
+        return 2
+    except (RuntimeError, AssertionError):
+        # JAX raises either where it was told to use a device that is not there.
+        if not (why := runs.missing_device()):
+            raise
+        print(f"error: {printable(why)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:
         stopped = interrupt if isinstance(interrupt, runs.Stopped) else runs.Stopped()

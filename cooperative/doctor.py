@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
-from cooperative.runs import cores_to_use, keep_compiled, memory_mappings
+from cooperative.runs import cores_to_use, keep_compiled, memory_mappings, missing_device
 
 # Largest error of the settling column over its largest value; the stress is constant in a cell, of which there are 16.
 _SETTLEMENT, _STRESS = 0.01, 0.05
@@ -51,10 +51,13 @@ def installation() -> Iterator[tuple[str, str]]:
     yield "C++ compiler", compiler or "none on the path"
     yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
     for extra, modules in EXTRAS.items():
-        missing = [name for name in modules if importlib.util.find_spec(name) is None]
-        lacks = f"without {', '.join(missing)}: pip install 'jaxmpm[{extra}]'"
-        yield f"extra {extra}", lacks if missing else "installed"
-    for device in jax.devices():
+        lacking = [name for name in modules if importlib.util.find_spec(name) is None]
+        lacks = f"without {', '.join(lacking)}: pip install 'jaxmpm[{extra}]'"
+        yield f"extra {extra}", lacks if lacking else "installed"
+    missing = missing_device()
+    if missing:
+        yield "device", f"none. {missing}"
+    for device in [] if missing else jax.devices():
         known = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
         untimed = "" if known else " (the solver runs here, untimed)"
         yield "device", f"{device.platform}: {device.device_kind}{untimed}"
@@ -110,6 +113,9 @@ def examine() -> bool:
     """Print what the installation is and the result of its self-check; whether it passed."""
     for name, value in installation():
         print(f"{name + ':':18} {value}", flush=True)
+    if missing_device():
+        print(f"{'self-check:':18} NOT RUN: there is no device")
+        return False
     settlement, stress = column_errors()
     well = settlement < _SETTLEMENT and stress < _STRESS
     print(

@@ -6,6 +6,7 @@ from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, 
 from cooperative.runs._dask import dask_executor
 from cooperative.runs._drawn import Drawn, SampleSoil, keep_drawn, read_drawn, soil_of
 from cooperative.runs._executors import Packed, Workers, packed, run_through
+from cooperative.runs._flags import check_flags, missing_device, set_flags
 from cooperative.runs._ground import (
     HazardPlan,
     StoredGrid,
@@ -49,6 +50,7 @@ __all__ = [
     "bars",
     "build",
     "check_coefficients",
+    "check_flags",
     "check_size",
     "coefficients_of",
     "cores_to_use",
@@ -65,6 +67,7 @@ __all__ = [
     "keep_initial",
     "machine",
     "memory_mappings",
+    "missing_device",
     "packed",
     "phases_of",
     "process_pool",
@@ -80,6 +83,7 @@ __all__ = [
     "samples_of",
     "sampling_of",
     "seconds_per_step",
+    "set_flags",
     "soil_of",
     "stop_by_signals",
     "verify_initial",

@@ -24,6 +24,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Any, ParamSpec, TypeVar
 
 from cooperative.runs._compiled import VARIABLE, keep_compiled
+from cooperative.runs._flags import set_flags
 
 ATTEMPTS = 3
 """How often in turn a worker may end before it has started, and how often a sample alone may end its worker."""
@@ -257,8 +258,11 @@ def _begin(ending: connection.Connection, cores: list[int]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if VARIABLE in os.environ:
         keep_compiled()
-    # The controller has warned of transfers that run on XLA.
+    # The controller has warned of transfers that run on XLA, and of settings without effect.
     warnings.filterwarnings("ignore", message=".* was not built: particle-grid transfers run on XLA")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        set_flags()
     if cores:
         os.sched_setaffinity(0, cores)
     threading.Thread(target=_watch, args=(ending,), daemon=True).start()
