@@ -76,6 +76,7 @@ def run(
     Raises:
         ValueError: a scene, a size or a folder that will not do, before anything is run or written.
     """
+    runs.refuse_within_import()
     runs.check_flags()
     folder = Path(folder)
     campaign, source = in_folder(scene, folder, estimator, refined_runs, slides_t_end)

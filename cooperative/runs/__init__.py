@@ -18,7 +18,7 @@ from cooperative.runs._ground import (
     rows_reader,
 )
 from cooperative.runs._model import GridModel
-from cooperative.runs._processes import cores_to_use, process_pool
+from cooperative.runs._processes import cores_to_use, process_pool, refuse_within_import
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._reach import Reach, reach_of, warnings_of
 from cooperative.runs._restart import Frames
@@ -75,6 +75,7 @@ __all__ = [
     "reach_of",
     "read_drawn",
     "read_ground",
+    "refuse_within_import",
     "release_programs",
     "row_of",
     "rows_reader",

@@ -30,6 +30,15 @@ ATTEMPTS = 3
 """How often in turn a worker may end before it has started, and how often a sample alone may end its worker."""
 
 
+NAME = "jaxmpm worker"
+UNGUARDED = 76
+"""Exit code of a worker that runs its controller's script again, and with it the campaign."""
+GUARD = (
+    "a worker process imports the script that starts it, and the script starts the campaign again there: put what it "
+    "does under the line if __name__ == '__main__':, or give workers = 1"
+)
+
+
 class WorkerLost(RuntimeError):
     """The worker of a task ended before the task did; other tasks go on."""
 
@@ -71,6 +80,7 @@ class Processes(Executor):
         self.workers: list[_Worker] = []
         self.waiting: deque[Task] = deque()
         self.lost_at_start, self.closing, self.lock = 0, False, threading.Lock()
+        self.unusable: ValueError | None = None
         self.ending, self.end = self.context.Pipe(duplex=False)
         self.woken, self.wake = self.context.Pipe(duplex=False)
         self.thread = threading.Thread(target=self._serve, daemon=True)
@@ -83,6 +93,9 @@ class Processes(Executor):
         with self.lock:
             if self.closing:
                 raise RuntimeError("the pool was shut down: make another")
+            if self.unusable is not None:
+                future.set_exception(self.unusable)
+                return future
             self.waiting.append((future, task))
             self.wake.send_bytes(b"")
         return future
@@ -140,7 +153,7 @@ class Processes(Executor):
 
     def _begin(self, cores: list[int]) -> None:
         here, there = self.context.Pipe()
-        process = self.context.Process(target=_work, args=(there, self.ending, cores), daemon=True)
+        process = self.context.Process(target=_work, args=(there, self.ending, cores), daemon=True, name=NAME)
         try:
             process.start()
         except OSError as error:
@@ -177,7 +190,10 @@ class Processes(Executor):
         self.free.append(worker.cores)
         why = f"a worker process ended with exit code {worker.process.exitcode}"
         if worker.task is None:
-            if not worker.started:
+            if worker.process.exitcode == UNGUARDED:
+                self.unusable = ValueError(GUARD)
+                self._fail(self.unusable)
+            elif not worker.started:
                 self._not_started(why)
         elif worker.begun:
             worker.task[0].set_exception(WorkerLost(why))
@@ -199,6 +215,19 @@ class Processes(Executor):
         for future in [*futures, *(worker.task[0] for worker in self.workers if worker.task is not None)]:
             if future.running() or future.set_running_or_notify_cancel():
                 future.set_exception(error)
+
+
+def refuse_within_import() -> None:
+    """End a process that imports the script of a controller, where that script runs a campaign again.
+
+    Raises:
+        ValueError: in a process that somebody else has begun; the message says what the script lacks.
+    """
+    process = multiprocessing.current_process()
+    if getattr(process, "_inheriting", False):
+        if process.name == NAME:
+            os._exit(UNGUARDED)
+        raise ValueError(GUARD)
 
 
 def process_pool(workers: int) -> Executor:
