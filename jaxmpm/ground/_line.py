@@ -179,6 +179,11 @@ def _drawn(path: Path, layer: str | None, outline: bool) -> np.ndarray:
             f"{path} is drawn in {_unit(unit)} ($INSUNITS = {unit}), so that the line is {length:g} m long: set the "
             "drawing's units to those that it is drawn in"
         )
+    if unit == NO_UNIT:
+        check.warn(
+            f"{path} states no unit ($INSUNITS) and is taken in metres: its line is {length:g} m long and "
+            f"{np.ptp(line[:, 1]):g} m high"
+        )
     if not _closed(line):
         return line
     if not outline:
