@@ -64,9 +64,9 @@ def timed(run: Callable[[], Any], repeats: int = 5) -> Timing:
     return Timing(statistics.median(seconds), min(seconds), max(seconds), repeats)
 
 
-def scene_campaign(name: str, defaults: str = "") -> Campaign:
-    """A scene that stands in benchmarks/scenes. defaults: TOML of those that were others when kept rows were made."""
-    return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text() + defaults)
+def scene_campaign(name: str) -> Campaign:
+    """A scene that stands in benchmarks/scenes."""
+    return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text())
 
 
 def code_digest(*texts: str) -> str:

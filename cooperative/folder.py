@@ -30,8 +30,6 @@ MOST_BYTES = 2**26
 """Largest size (bytes) of a summary, or of what it is made from."""
 CHECKSUM = "checksum"
 """Key of a summary that records whether it is whole, and of which rows."""
-CONTENT = 10
-"""Of what a summary holds, counted up when it holds more: one of an earlier version is made anew."""
 MADE_FROM = ("measured.json", "budget.json", "slides.json")
 """Files of a campaign's folder that hold what its scene and rows do not."""
 
@@ -156,7 +154,7 @@ def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> Non
 
 
 def _stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
-    """The summary that the folder keeps, None where it is not whole, or not of just these rows and this version."""
+    """The summary that the folder keeps, None where it is not whole, or not of just these rows."""
     try:
         text = files.read_plain(store.folder / SUMMARY, MOST_BYTES)
         fields = json.loads(text)
@@ -169,7 +167,7 @@ def _stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
 
 def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, object]) -> str:
     """SHA-256 of the fields of a summary and of all that it was made from."""
-    digest = hashlib.sha256("\0".join((str(CONTENT), store.digest, json.dumps(fields, sort_keys=True))).encode())
+    digest = hashlib.sha256("\0".join((store.digest, json.dumps(fields, sort_keys=True))).encode())
     for name in MADE_FROM:
         path = store.folder / name
         digest.update(files.read_plain(path, MOST_BYTES) if path.exists() else b"")

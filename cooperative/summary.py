@@ -40,8 +40,8 @@ def summarise(campaign: Campaign, rough: Rows, refined: Rows) -> Summary:
     """The campaign in numbers.
 
     Means, shares and fits weigh every refined run by what it stands for. Where only some failures slid on to their end,
-    these stand for all. What there is too little of is None or noted: modes of rows without any (written before there
-    were modes), fits of fewer than two failures, a correlation without spread.
+    these stand for all. What there is too little of is None or noted: modes of ground without a toe, fits of fewer than
+    two failures, a correlation without spread.
 
     Args:
         campaign: whose rows these are.

@@ -18,9 +18,6 @@ PYTREES: WeakSet[type] = WeakSet()
 def pytree(cls: Class) -> Class:
     """Register a dataclass as a pytree; fields with metadata {"static": True} are part of its structure.
 
-    A field with {"static": True, "absent": value} is left out of the structure while it has this value. The structure
-    is then that of the class before it had the field, so checks that compare the structure's text remain valid.
-
     `jax.tree_util.register_dataclass` of jaxlib 0.10 may treat two classes with as many fields as one structure: a
     jitted function then sometimes runs what it compiled for the other, depending on how two hashes fall.
 
@@ -31,14 +28,11 @@ def pytree(cls: Class) -> Class:
         The same class.
     """
     fields = dataclasses.fields(cls)
-    absent = {f.name: f.metadata["absent"] for f in fields if "absent" in f.metadata}
-    static = [f.name for f in fields if f.metadata.get("static") and f.name not in absent]
+    static = [f.name for f in fields if f.metadata.get("static")]
     leaves = [f.name for f in fields if not f.metadata.get("static")]
 
     def structure(value: object) -> tuple[object, ...]:
-        present = ((name, getattr(value, name)) for name in absent)
-        there = ((name, held) for name, held in present if held != absent[name])
-        return (cls, *(getattr(value, name) for name in static), *there)
+        return (cls, *(getattr(value, name) for name in static))
 
     def flatten(value: object) -> tuple[list[object], tuple[object, ...]]:
         return [getattr(value, name) for name in leaves], structure(value)
@@ -47,9 +41,7 @@ def pytree(cls: Class) -> Class:
         return [(jax.tree_util.GetAttrKey(name), getattr(value, name)) for name in leaves], structure(value)
 
     def unflatten(known: tuple[Any, ...], children: Iterable[object]) -> object:
-        always, there = known[1 : 1 + len(static)], dict(known[1 + len(static) :])
-        own = absent | there | dict(zip(static, always, strict=True))
-        return cls(**own, **dict(zip(leaves, children, strict=True)))
+        return cls(**dict(zip(static, known[1:], strict=True)), **dict(zip(leaves, children, strict=True)))
 
     jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
     PYTREES.add(cls)

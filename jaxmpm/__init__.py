@@ -1,7 +1,6 @@
 """Batched, differentiable generalised-interpolation material point method in 1D, 2D and 3D."""
 
 from foundation import __version__
-from foundation.deprecated import renamed
 from foundation.pytrees import pytree
 from jaxmpm import diagnostics, ground, laws, run, soil, tensors, transfer
 from jaxmpm._step import step
@@ -133,19 +132,3 @@ __all__ = [
     "write_particles",
     "write_vtkhdf",
 ]
-
-_RENAMED = {
-    "foundation.check": "Limit",
-    "foundation.files": "DamagedFile",
-    "jaxmpm.ground": "Thickness",
-    "jaxmpm.laws": "Decay DruckerPrager Elastic ExponentialSoftening FrictionalSoftening J2 Law Matching "
-    "MohrCoulomb Parameter RateEffect Softening WaterSurface WaterTable Zoned cone declared reduce_strength "
-    "with_parameters",
-    "jaxmpm.run": "Checkpoints Chunk FactorOfSafety Midway Passing advance_lanes column_shape lanes repeat",
-    "jaxmpm.setup": "with_strength",
-    "jaxmpm.soil": "AnySoil moduli soil_limits unit_slip",
-    "jaxmpm.transfer": "native_available native_library",
-    "jaxmpm.types": "Columns FreeField",
-}
-"""By module: names that have moved there."""
-__getattr__ = renamed(__name__, _RENAMED, Believed="jaxmpm.soil.Plausible")

@@ -87,9 +87,6 @@ def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
         names = file.names("state")
         arrays = {name: file.array("state", name) for name in names if name in wanted}
         about = {name: file.value("about", name) for name in file.names("about")}
-    for name in wanted.keys() - set(names):
-        if name.partition(".")[0] == "unaveraged":  # versions before averaged it in the same step
-            arrays[name] = np.zeros_like(wanted[name])
     if wanted.keys() != arrays.keys() | set(names):
         raise ValueError(
             f"{path} holds {shown(sorted(names))}, the scene's state has {sorted(wanted)}: give its own scene"

@@ -4,7 +4,6 @@ Figures are in `kl.plots`, which has to be imported by its name.
 """
 
 from foundation import __version__
-from foundation.deprecated import renamed
 from kl import axis, estimation, field, marginal, soil
 from kl.axis import (
     CosineExponential,
@@ -76,14 +75,3 @@ __all__ = [
     "with_covariance",
     "with_trend",
 ]
-
-_RENAMED = {
-    "kl.axis": "ClosedForm Corrected Haar Legendre Nystrom Periodic haar_transform from_scale_of_fluctuation "
-    "scale_of_fluctuation",
-    "kl.field": "CapturedVariance Conditioning LatticeRoots condition_on exact_field exact_lattice kriging_variance "
-    "mode_matrix rescaled rotate variance_at variance_on_lattice with_residual",
-    "kl.marginal": "NatafError check_marginal hermite_coefficients nataf_corrected nataf_correlation nataf_error",
-    "kl.soil": "correlation_root nataf_matrix",
-}
-"""By module: names that have moved there."""
-__getattr__ = renamed(__name__, _RENAMED)

@@ -82,7 +82,9 @@ TERRAIN = TERRAIN.replace("[0.5, 0.5]", "[0.5, 0.5, 0.5]") + to_toml({"files": {
 
 SCENE = TINY.replace("samples = 6", "samples = 50").replace('estimator = "published"', "refined_runs = 15")
 LONG = SCENE.replace("samples = 50", "samples = 300").replace("refined_runs = 15", "refined_runs = 40")
-SUBSET = SCENE.replace("samples = 50", 'samples = 40\nreplicates = 2\nlevels = 2\nestimator = "subset"')
+SUBSET = SCENE.replace("samples = 50", 'samples = 40\nreplicates = 2\nlevels = 2\nestimator = "subset"').replace(
+    "k_t = 2\n", ""
+)
 CALIBRATED = SCENE.replace("k_t = 2", "k_t = 2\ncalibrate = true")
 SWEEP = SCENE.replace("samples = 50", "samples = 20\ncalibrate = true") + "[sweep]\ncov = [0.2, 0.4]\nk_t = [2, 3]\n"
 

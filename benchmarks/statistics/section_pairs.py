@@ -18,9 +18,10 @@ import numpy as np
 
 from benchmarks.csv_rows import Row, appending, head, read_rows, size, text, whole
 from benchmarks.measure import ROOT, machine, scene_campaign
+from benchmarks.study.cases import campaign_of
 from cooperative import runs
 from cooperative.scene import Calibration, Campaign, factors_of_safety
-from cooperative.store import FIRST_DEFAULTS, Sample
+from cooperative.store import Sample
 
 DATA = ROOT / "benchmarks" / "data"
 STUDIES = {
@@ -63,9 +64,9 @@ def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
 def study(scene: str) -> Campaign:
     """A scene with the samples of this study, all of which get a mode.
 
-    The scene with published settings has the other defaults of when its file was made.
+    The scene with published settings has those of the study.
     """
-    campaign = scene_campaign(scene, FIRST_DEFAULTS if scene == STUDIES["published"][0] else "")
+    campaign = campaign_of(scene, {}) if scene == STUDIES["published"][0] else scene_campaign(scene)
     return replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
 
 

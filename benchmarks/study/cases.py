@@ -114,16 +114,16 @@ def plan_of(case: str) -> dict[str, Any]:
 
 VALLEY = 0.05
 """About that of the rule that named the modes of the first rows."""
-EARLIER: Changes = {"rough": {"cfl": 0.5}, "refined": {"cfl": 0.5}, "soil": {"gap_memory": False}}
-"""Defaults of the time when the rows with published settings were made."""
+PUBLISHED: Changes = {"rough": {"cfl": 0.5}, "refined": {"cfl": 0.5}, "soil": {"gap_memory": False}}
+"""Settings of the rows with published settings, where the scene leaves them out."""
 
 
 def campaign_of(scene: str, changes: Changes) -> Campaign:
-    """A scene of benchmarks/scenes, changed; published settings with the defaults of when their rows were made."""
+    """A scene of benchmarks/scenes, changed; published settings where it has those."""
     tables = tomllib.loads((ROOT / "benchmarks" / "scenes" / f"{scene}.toml").read_text())
     for table, keys in changes.items():
         tables[table] |= keys
-    for table, keys in (EARLIER if scene.startswith("paper") else {}).items():
+    for table, keys in (PUBLISHED if scene.startswith("paper") else {}).items():
         tables[table] = {**keys, **tables[table]}
     tables["campaign"].setdefault("valley", VALLEY)
     return parse(to_toml(tables))

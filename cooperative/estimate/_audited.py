@@ -188,8 +188,6 @@ SETTINGS = ("k_t", "refined_runs", "target_cov", "levels", "replicates")
 def named_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
     """The estimator of this name with the settings that a scene gives.
 
-    A k_t that the estimator has no use for is let be, since every scene used to have one.
-
     Args:
         name: of the estimator in a scene.
         given: settings by key, None for one that is not given.
@@ -201,7 +199,7 @@ def named_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
     known = {key: value for key, value in given.items() if value is not None}
     takes = {setting.name: setting for setting in fields(kind)}
     for key, value in known.items():
-        if key in SETTINGS and key not in takes and key != "k_t":
+        if key in SETTINGS and key not in takes:
             others = [repr(n) for n, other in ESTIMATORS.items() if key in {f.name for f in fields(other)}]
             raise ValueError(
                 f"[campaign] {key} = {value} is for estimator = {' or '.join(others)}, not {name!r}: leave it out"

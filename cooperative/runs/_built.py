@@ -14,9 +14,8 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
-from collections.abc import Collection, Iterable
-from dataclasses import fields, is_dataclass, replace
-from itertools import repeat
+from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -173,7 +172,7 @@ def _read(path: Path, scene: Scene, state: State) -> State:
         raise files.DamagedFile(f"{path} leads out of the campaign's folder")
     with hdf5.read_sealed(path, KIND, SCHEMA) as file:
         of_grid, stress = file.scalars("/").get("grid"), file.array("/", "stress", dimensions=2, kinds="f")
-    if of_grid not in (_checksum(scene), *_earlier_checksums(scene)):
+    if of_grid != _checksum(scene):
         raise files.DamagedFile(f"{path} holds the initial stress of another grid")
     if (stress.shape, stress.dtype) != (state.stress.shape, state.stress.dtype) or not np.isfinite(stress).all():
         raise files.DamagedFile(f"{path} holds {stress.dtype} of shape {stress.shape}, or numbers that are not finite")
@@ -196,41 +195,3 @@ def _checksum(scene: Scene) -> str:
 
 def _content(leaf: np.ndarray) -> bytes:
     return f"{leaf.dtype} {leaf.shape}".encode() + np.ascontiguousarray(leaf).tobytes()
-
-
-FIRST = {"softening", "tension_cutoff", "rate", "flip", "damping", "wall_friction", "water", "pore_pressure", "motion"}
-FIRST |= {"cut", "free_field"}
-"""Parts of scenes and laws that earlier checksums count where they are absent. New parts do not go here."""
-
-
-def _earlier_checksums(scene: Scene) -> list[str]:
-    """Checksums that earlier versions stored for this grid, which count some parts (one version, `pic_damping` too)."""
-    checksums = []
-    for counted in (FIRST, FIRST | {"pic_damping"}):
-        structure = f"PyTreeDef({_structure(jax.tree.structure(scene), counted)})"
-        # The first of these files name the module in which these classes were.
-        digest = hashlib.sha256(structure.replace("'jaxmpm.grid.", "'jaxmpm.types.").encode())
-        for leaf in map(np.asarray, jax.tree.leaves(scene)):
-            digest.update(_content(leaf))
-        checksums.append(digest.hexdigest())
-    return checksums
-
-
-def _structure(part: PyTreeDef, counted: Collection[str]) -> str:
-    """The text of a structure without the absent parts of jaxmpm's classes, except those that are counted."""
-
-    def text(part: PyTreeDef) -> str:
-        return str(part).removeprefix("PyTreeDef(").removesuffix(")")
-
-    kind, children = part.node_data(), part.children()
-    if kind is None or not children:
-        return text(part)
-    names: Iterable[str] = repeat("")
-    if is_dataclass(kind[0]) and kind[0].__module__.startswith("jaxmpm."):
-        names = (each.name for each in fields(kind[0]) if not each.metadata.get("static"))
-    there = [
-        _structure(child, counted)
-        for name, child in zip(names, children, strict=False)
-        if not name or name in counted or text(child) != "None"
-    ]
-    return ", ".join(there).join(text(part).rsplit(", ".join(map(text, children)), 1))

@@ -1,6 +1,6 @@
 """The random soil of the samples that a report draws, in `drawn.h5` of a campaign's folder.
 
-The file is written with the summary, and sealed. A folder of an earlier version has none; its scene gives what it holds
+The file is written with the summary, and sealed. Where it is missing, the scene gives what it holds
 (`soil_of`).
 """
 

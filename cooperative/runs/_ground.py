@@ -1,7 +1,7 @@
 """The ground of a campaign as arrays in its folder, by which samples are read and drawn without building a grid.
 
 `ground.h5` is written before the first run, and sealed: outline, toe, lower boundaries of layers, walls, and the
-particles of both grids at the start. A folder of an earlier version has none; its scene gives what it holds
+particles of both grids at the start. Where it is damaged, the scene gives what it holds
 (`ground_of`).
 """
 
@@ -96,7 +96,7 @@ class StoredGround:
         origin: of the scene's coordinates in those of its map (2,) m.
         projection: of that map as WKT, None where the scene has none.
         bottoms: elevation of the lower boundary of each layer but the last, at the points of the surface
-            (layers - 1, ...) m; None in a folder that was begun without.
+            (layers - 1, ...) m; None for ground without layers.
         walls: axis, position (m) and hold ("fixed" or "roller") of each upright wall.
     """
 

@@ -29,7 +29,7 @@ UNLIKELY = 5.0
 """Deviations of a borehole value from the median beyond which value and distribution hardly belong together."""
 ROUNDING = 2e-5
 """Of the share of the variance that modes hold, with eigenvalues in single precision on two machines."""
-REMEDY = "delete the folder's measured.json, or its field_modes.json, whose samples are then those of this machine"
+REMEDY = "delete the folder's measured.json, whose samples are then those of this machine"
 
 
 @dataclass(frozen=True)

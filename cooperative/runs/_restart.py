@@ -153,15 +153,12 @@ def _restored(path: Path, state: State, about: dict[str, Any], start: Motion) ->
     Raises DamagedFile, or what reading the wrong type raises, where a part of it is missing or of another type or
     shape.
     """
-    for name in ("moved", "onset"):
-        if np.shape(about[name]) != start.volume.shape:
+    midway = Midway(state, float(about["quiet"]), float(about["reference"]), np.asarray(about["rates"]))
+    shapes = {"moved": start.volume.shape, "onset": start.volume.shape, "rates": Midway(state).rates.shape}
+    for name, shape in shapes.items():
+        if np.shape(about[name]) != shape:
             raise files.DamagedFile(f"{path} holds {name} of shape {np.shape(about[name])}")
     check_frames(path, about, state.displacement.shape)
     times = tuple(about["times"].tolist())
     motion = replace(start, times=times, moved=about["moved"], onset=about["onset"])
-    midway = Midway(state, float(about["quiet"]), float(about["reference"]))
-    if "rates" in about:  # which earlier versions did not write
-        if np.shape(about["rates"]) != midway.rates.shape:
-            raise files.DamagedFile(f"{path} holds rates of shape {np.shape(about['rates'])}")
-        midway = replace(midway, rates=np.asarray(about["rates"]))
     return RestartPoint(midway, motion, Frames.of(about), float(about["seconds"]))

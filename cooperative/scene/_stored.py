@@ -1,7 +1,7 @@
 """The campaign that a folder holds.
 
-Its scene, the defaults of the time when it began, what was measured since, and the refined runs that were allowed
-since, for a target that changes or rough runs that broke off.
+Its scene, what was measured since it began, and the refined runs that were allowed since, for a target that changes or
+rough runs that broke off.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def in_folder(
 
 
 def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Source:
-    """A scene with what its folder keeps beside it and, where none has begun there, with the defaults of today.
+    """A scene with what its folder keeps beside it.
 
     Args:
         scene: its text, its file, or both.
@@ -94,20 +94,7 @@ def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Sour
         ValueError: the scene, or what the folder holds, is no TOML.
     """
     source, there = source_of(scene), stored_source(folder, name)
-    if there is not None:
-        return source.completed(there)
-    if "defaults" in source.tables:
-        return Source(source.text, source.beside)
-    today = {
-        "cfl": tables.Grid.model_fields["cfl"].default,
-        "gap_memory": tables.Soil.model_fields["gap_memory"].default,
-        "valley": tables.Campaign.model_fields["valley"].default,
-        "early": True,
-        "order": "stencil",
-        "gap_average": True,
-        "fbar": False,
-    }
-    return Source(source.text, {**source.beside, "defaults": today})
+    return source if there is None else source.completed(there)
 
 
 def _grown(campaign: Campaign, folder: Path, refined_runs: int | None, slides_t_end: float | None) -> Campaign:
@@ -211,20 +198,13 @@ def stored_measured(folder: Path) -> tables.Measured:
     """What a campaign's folder has measured, as far as its files are there.
 
     Args:
-        folder: of the campaign, of this version or an earlier one.
+        folder: of the campaign.
 
     Raises:
         ValueError: a file is damaged.
     """
     remedy = "delete it to measure it again"
-    measured = _content(folder / NAME, tables.Measured, "numbers that were measured", remedy)
-    if measured is not None:
-        return measured
-    # Folders of earlier versions have a file for each.
-    terms = _content(folder / "field_modes.json", tables.FieldModes, "numbers of terms", remedy)
-    calibration = _content(folder / "calibration.json", tables.Calibration, "two factors of safety", remedy)
-    limit_load = _content(folder / "limit_load.json", tables.LimitLoad, "limit load", remedy)
-    return tables.Measured(None if terms is None else terms.counts, calibration, limit_load)
+    return _content(folder / NAME, tables.Measured, "numbers that were measured", remedy) or tables.Measured()
 
 
 def with_measured(campaign: Campaign, folder: Path) -> Campaign:

@@ -63,7 +63,6 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if scene.sweep is not None or scene.scenario is not None:
         table = "[[scenario]]" if scene.sweep is None else "[sweep]"
         raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it by `jaxmpm sweep`")
-    scene = _as_begun(scene, source.begun)
     given = _given(scene, estimator)
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
@@ -84,7 +83,6 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
             "[soil.cohesion] with mean, cov and length"
         )
     check_limit_load(scene.run, scene.limit_load)
-    terms = None if scene.field_modes is None else scene.field_modes.counts
     together = scene.cross_correlation
     campaign = Campaign(
         name=scene.name,
@@ -92,17 +90,16 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         soil=soil,
         random=random,
         cross_correlation=None if together is None else CrossCorrelation(**dict(together)),
-        coarse=None if scene.coarse is None else _grid(scene.coarse, site, soil, scene.defaults),
-        rough=_grid(scene.rough, site, soil, scene.defaults),
-        refined=_grid(scene.refined, site, soil, scene.defaults),
+        coarse=None if scene.coarse is None else _grid(scene.coarse, site, soil),
+        rough=_grid(scene.rough, site, soil),
+        refined=_grid(scene.refined, site, soil),
         run=run_of(scene.run, motion_of(scene, len(site.shape.corner))),
         plan=_plan(scene.campaign, has_modes=site.shape.face is not None),
         estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
         hazard=_hazard(scene),
-        measured=tables.Measured(terms, scene.calibration, scene.limit_load),
+        measured=tables.Measured(calibration=scene.calibration, limit_load=scene.limit_load),
     )
-    if not source.begun:
-        check_grids(campaign)
+    check_grids(campaign)
     return campaign.made_from(source)
 
 
@@ -190,26 +187,6 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
         ValueError: slope, soil and grid do not fit together.
     """
     return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.run.loads)
-
-
-DEFAULTS = (("rough", "cfl"), ("refined", "cfl"), ("soil", "gap_memory"), ("campaign", "valley"))
-"""Tables and keys whose defaults were others once."""
-
-
-def _as_begun(scene: tables.Scene, begun: bool) -> tables.Scene:
-    """What the scene leaves out is what it was when its campaign began, and what was accepted then stays so."""
-    changes: dict[str, dict[str, object]] = {"rough": {}, "refined": {}, "campaign": {}}
-    if scene.soil is not None:
-        changes["soil"] = {"unusual": True} if begun else {}
-    if scene.defaults is not None:
-        for name, key in DEFAULTS:
-            if name in changes and key not in getattr(scene, name).model_fields_set:
-                changes[name][key] = getattr(scene.defaults, key)
-        if scene.run.early is None and not scene.defaults.early:
-            changes["run"] = {"early": False}
-    return scene.model_copy(
-        update={name: getattr(scene, name).model_copy(update=change) for name, change in changes.items()}
-    )
 
 
 def _site(scene: tables.Scene) -> Site:
@@ -336,16 +313,12 @@ def _named(table: tables.Campaign) -> Estimator:
     return named_estimator(table.estimator, {key: getattr(table, key) for key in (*SETTINGS, "seed")})
 
 
-def _grid(table: tables.Grid, site: Site, soil: AnySoil, defaults: tables.Defaults | None) -> Discretisation:
+def _grid(table: tables.Grid, site: Site, soil: AnySoil) -> Discretisation:
     """Answers do not follow the cell, unless the scene states a choice; `fbar` of either value is one for clay."""
     values = {key: value for key, value in table if value is not None}
     endless = site.ends in ("tied", "free field")
     if table.internal_length == "none" or (endless and table.internal_length is None):
         values["internal_length"] = None
-    if defaults is not None:
-        values |= {"order": defaults.order, "gap_average": defaults.gap_average}
-        if defaults.fbar and all(getattr(each.soil, "friction", None) is None for each in site.soils(soil)):
-            values.setdefault("fbar", not values.get("cell_average"))
     if "fbar" in values:
         values.setdefault("cell_average", None)
     return replace(cell_independent(Discretisation(**values, dtype="float32"), soil), **values)
@@ -362,8 +335,7 @@ def _given(scene: tables.Scene, estimator: Estimator | None) -> str | None:
         raise ValueError(
             f"the campaign's estimator is {short(stored, 400)}, not {estimator!r}: give that one, or another folder"
         )
-    # A k_t is let be, since every scene used to have one.
-    named = [key for key in ("estimator", *SETTINGS) if key in scene.campaign.model_fields_set and key != "k_t"]
+    named = [key for key in ("estimator", *SETTINGS) if key in scene.campaign.model_fields_set]
     if named:
         raise ValueError(
             f"[campaign] {named[0]} has no effect beside estimator = {estimator!r}: leave it out of the scene"

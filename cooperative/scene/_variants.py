@@ -18,7 +18,7 @@ from cooperative.store import GRIDS, Source, table_of, tables_of
 
 LENGTHS = ("lx", "ly", "lz")
 BASE, RANKED = "base", "ranked"
-BESIDE = ("files", "defaults")
+BESIDE = ("files",)
 """Tables that stand beside the text of a scene."""
 
 
@@ -129,7 +129,7 @@ def _by_path(each: Varied, source: Source) -> Variant:
 def _source(tables: Mapping[str, object], of: Source) -> Source:
     """A scene of these tables, with the files that it names beside its text."""
     text = to_toml({name: table for name, table in tables.items() if name not in BESIDE})
-    return Source(text, {name: tables[name] for name in BESIDE if name in tables}, begun=of.begun)
+    return Source(text, {name: tables[name] for name in BESIDE if name in tables})
 
 
 def _refuse_alike(campaigns: list[Variant]) -> None:

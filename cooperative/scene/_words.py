@@ -45,9 +45,6 @@ OFFER = (
 )
 """Modules whose names a campaign's words hold, each after its package alone: `jaxmpm.MohrCoulomb`."""
 
-EARLIER: Mapping[str, Mapping[str, object]] = {"jaxmpm.Discretisation": {"order": "cell", "gap_average": False}}
-"""Fields that campaigns of earlier versions lack, as they were then, where today's default is another."""
-
 
 _ADDRESS = re.compile(" at 0x[0-9a-f]+")
 
@@ -62,7 +59,6 @@ def _offered() -> dict[str, type | FunctionType]:
     }
     own = (CrossCorrelation, Hazard, Plan, RandomField, RandomLevel, Run, Site, SiteLayer)
     offered |= {f"cooperative.{each.__name__}": each for each in own}
-    offered["cooperative.Place"] = measure.ElementAtRisk  # its name in every folder
     return {name: each for name, each in offered.items() if isinstance(each, type | FunctionType)}
 
 
@@ -192,7 +188,6 @@ def of_words(words: object, what: str) -> Any:
         return offered
     if isinstance(offered, type) and issubclass(offered, enum.Enum):
         return offered[words["member"]]
-    words = {**EARLIER.get(named, {}), **words}
     if not dataclasses.is_dataclass(offered):
         raise ValueError(f"{what} holds {short(str(named), 200)}, which holds nothing")
     return offered(**{name: of_words(each, what) for name, each in words.items() if name != "class"})

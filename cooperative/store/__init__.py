@@ -31,7 +31,6 @@ from cooperative.store._opened import lock_holder, open_store, read_store
 from cooperative.store._samples import COARSE, GRIDS, MOVING, SLIDES, Record, Rows, Sample, Store, mixed_versions
 from cooperative.store._source import (
     CAMPAIGN,
-    FIRST_DEFAULTS,
     MOST_TEXT,
     SCENE,
     Source,
@@ -47,7 +46,6 @@ from foundation.hdf5 import Scalar
 __all__ = [
     "CAMPAIGN",
     "COARSE",
-    "FIRST_DEFAULTS",
     "GRIDS",
     "MOST_TEXT",
     "MOVING",

@@ -20,8 +20,6 @@ SCENE, CAMPAIGN = "scene.toml", "campaign.json"
 """Files of a folder that hold what its campaign was made from, see `Source`."""
 MOST_TEXT = 2**20
 """Bytes that a scene, a lock or another small text of a campaign's folder may have."""
-FIRST_DEFAULTS = "\n[defaults]\ncfl = 0.5\ngap_memory = false\n"
-"""What the scene of a folder means that has no such table, or not all of its keys."""
 MOST_BESIDE = 2**26
 """Bytes that `campaign.json` may have."""
 MOST_ENTRIES = 10**6
@@ -32,7 +30,7 @@ INDEX = 8
 """Characters of the number of a value in a list."""
 DEEPEST = 64
 """Tables and lists within each other."""
-OF_THE_FOLDER = ("defaults", "files", "estimator", "calibration", "field_modes", "limit_load")
+OF_THE_FOLDER = ("files", "estimator", "calibration", "limit_load")
 """Tables that are the folder's where a scene that is given again does not have them."""
 
 
@@ -42,15 +40,12 @@ class Source:
 
     Args:
         text: its scene in TOML, verbatim; None for a campaign that was written in Python.
-        beside: tables that the text does not have: `defaults` of the time when the campaign began, points and heights
-            of the `files` that the scene names, a script's `estimator` in words. Of a campaign that was written in
-            Python: `campaign`, its fields in words.
-        begun: whether a folder holds it; its numbers were accepted when it began, and none is asked about.
+        beside: tables that the text does not have: points and heights of the `files` that the scene names, a script's
+            `estimator` in words. Of a campaign that was written in Python: `campaign`, its fields in words.
     """
 
     text: str | None
     beside: Mapping[str, object] = field(default_factory=dict)
-    begun: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
         """Let `beside` hold what its file does: plain numbers, texts, lists and tables.
@@ -83,7 +78,7 @@ class Source:
     def completed(self, there: Source) -> Source:
         """A scene that is given again, with the tables of its folder that it does not have."""
         missing = {key: there.tables[key] for key in OF_THE_FOLDER if key in there.tables and key not in self.tables}
-        return Source(self.text, {**self.beside, **missing}, begun=True)
+        return Source(self.text, {**self.beside, **missing})
 
     def write(self, folder: Path, scene: str = SCENE) -> None:
         """Begin the folder of a campaign, or of a sweep, with it.
@@ -195,28 +190,25 @@ def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
         folder: of the campaign, or of a sweep.
         scene: name of the file with the scene.
 
-    A scene without `defaults` beside samples was begun before these were stored, and gets those of that time. Without
-    samples it is a scene that somebody put there.
+    A scene without `campaign.json` is one that somebody put there, and `campaign.json` alone a campaign that was killed
+    as it began.
 
     Raises:
         ValueError: a file is no regular file, no text, no TOML or no JSON.
     """
     path, beside = folder / scene, _beside(folder / CAMPAIGN)
     if not os.path.lexists(path):
-        return Source(None, beside, begun=True) if "campaign" in beside else None
+        return Source(None, beside) if "campaign" in beside else None
+    if not os.path.lexists(folder / CAMPAIGN):
+        return None
     try:
         text = files.read_plain(path, MOST_TEXT).decode("utf-8-sig")
-        tables = tomllib.loads(text) | beside
-        check_bounds(str(path), tables)
+        check_bounds(str(path), tomllib.loads(text) | beside)
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not text in UTF-8: {error}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
-    if "defaults" in tables:
-        return Source(text, beside, begun=True)
-    if not (folder / ("samples" if scene == SCENE else "campaigns")).is_dir():
-        return None
-    return Source(text, beside | tomllib.loads(FIRST_DEFAULTS), begun=True)
+    return Source(text, beside)
 
 
 def _beside(path: Path) -> dict[str, object]:
@@ -270,7 +262,7 @@ def differences(there: Source, asked: Source, most: int = 5) -> list[str]:
 
 
 def _flat(tables: Mapping[str, object]) -> dict[str, str]:
-    """Dotted key -> value as text; 1 and 1.0 are the same value, and the first defaults need not be there."""
+    """Dotted key -> value as text; 1 and 1.0 are the same value."""
 
     def walk(prefix: str, node: object) -> dict[str, str]:
         if isinstance(node, dict):
@@ -286,9 +278,4 @@ def _flat(tables: Mapping[str, object]) -> dict[str, str]:
             flat |= walk(key, value)
         return flat
 
-    rest = {name: table for name, table in tables.items() if name != "defaults"}
-    defaults = tables.get("defaults", {})
-    if isinstance(defaults, dict):
-        first = tomllib.loads(FIRST_DEFAULTS)["defaults"]
-        defaults = {key: value for key, value in defaults.items() if value != first.get(key)}
-    return walk("", rest | ({"defaults": defaults} if defaults else {}))
+    return walk("", tables)

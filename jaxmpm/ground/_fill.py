@@ -137,7 +137,7 @@ def lattice(
         corner=tuple(corner.tolist()),
         dtype=discretisation.dtype,
     )
-    particles = ordered(particles, grid, discretisation.order)
+    particles = ordered(particles, grid)
     position = np.asarray(particles.position, float)
     number, soils = layer_of(ground, layers, position, discretisation), [each.soil for each in layers]
     law, order = law_of_layers([material_on(discretisation, soil) for soil in soils], number)

@@ -329,7 +329,7 @@ def terrain(
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     grid = box_grid(shape.corner, cells, discretisation.cell)
     bedrock = None if shape.bedrock is None else shape.floor
-    particles = ordered(boxes(shape, discretisation, shape.modelled, bedrock), grid, discretisation.order)
+    particles = ordered(boxes(shape, discretisation, shape.modelled, bedrock), grid)
     layer = shape.layer_of(layers, np.asarray(particles.position), discretisation)
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
     if empty.size:

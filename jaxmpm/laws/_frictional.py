@@ -112,7 +112,7 @@ class DruckerPrager(Law):
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
     matching: Matching = field(default=Matching.PLANE_STRAIN, metadata={"static": True})
-    gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
+    gap_memory: bool = field(default=True, metadata={"static": True})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""
@@ -181,7 +181,7 @@ class MohrCoulomb(Law):
     dilation: Array
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
-    gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
+    gap_memory: bool = field(default=True, metadata={"static": True})
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""

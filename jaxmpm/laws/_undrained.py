@@ -131,7 +131,7 @@ class J2(Law):
     softening: Softening | ExponentialSoftening | None = None
     tension_cutoff: Array | None = None
     rate: RateEffect | None = None
-    gap_memory: bool = field(default=True, metadata={"static": True, "absent": False})
+    gap_memory: bool = field(default=True, metadata={"static": True})
     viscosity: Array | None = None
 
     def initial_history(self, particles: Particles) -> Array | None:

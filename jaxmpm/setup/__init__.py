@@ -5,7 +5,6 @@ from jaxmpm.setup._builders import bar, block, column
 from jaxmpm.setup._discretisation import (
     RESOLVED,
     Discretisation,
-    Order,
     cell_independent,
     cells_up,
     check_discretisation,
@@ -27,7 +26,6 @@ __all__ = [
     "Discretisation",
     "Hold",
     "Loads",
-    "Order",
     "at_rest",
     "bar",
     "below",

@@ -114,7 +114,7 @@ def build(
         ValueError: If shapes, numbers and choices do not fit, as for `scene`.
     """
     if not isinstance(material, Zoned):
-        particles = ordered(particles, grid, discretisation.order)
+        particles = ordered(particles, grid)
     elif loads.pore_pressure is not None:
         loads = replace(loads, pore_pressure=np.where(in_total_stress_at(material), 0.0, loads.pore_pressure))
     built = scene(particles, grid, material, discretisation, boundary=boundary, loads=loads, speed=speed)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import jax
 import numpy as np
@@ -17,8 +16,6 @@ from jaxmpm.soil import AnySoil
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Scheme
 
-Order = Literal["stencil", "cell"]
-"""See `Discretisation`."""
 RESOLVED = 1e-3
 """Required precision of a particle's position, as a share of its size."""
 USL_CFL = 0.72
@@ -48,8 +45,6 @@ class Discretisation:
         cell_average: average the volumetric strain over each cell, against locking, and in soil without friction the
             mean stress that acts; None does so for frictional soils in 2D and 3D. See `cell_independent`.
         fbar: instead, average both over neighbours; not for frictional soils.
-        gap_average: average the gap that a tension cutoff has opened in soil with friction, where `cell_average`
-            averages the strain; without, as in earlier versions, half of a deposit of sand lies loose.
         finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, at
             which the hypoelastic stress of the Jaumann rate creates or loses energy.
         internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which prevents
@@ -58,8 +53,6 @@ class Discretisation:
         air: height of the grid above the highest ground (m), rounded up to whole cells; None for one cell. Soil that is
             thrown higher leaves the grid.
         dtype: float32 or float64; None for that of JAX.
-        order: of particles in arrays. Those that start with the same nodes follow each other ("stencil"), which maps
-            them to the grid faster, or those of a cell ("cell"), as in earlier versions.
     """
 
     cell: float
@@ -74,12 +67,10 @@ class Discretisation:
     damping: float = 0.0
     cell_average: bool | None = None
     fbar: bool = False
-    gap_average: bool = True
     finite_strain: bool = False
     internal_length: float | None = None
     air: float | None = None
     dtype: DTypeLike | None = None
-    order: Order = "stencil"
 
 
 def cells_up(discretisation: Discretisation, height: float) -> int:
@@ -176,8 +167,6 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
         raise ValueError("apic = True: give kernel = QuadraticBSpline and flip = 0 with it")
     if not isinstance(discretisation.scheme, Scheme):
         raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
-    if discretisation.order not in get_args(Order):
-        raise ValueError(f"order = {discretisation.order!r}: give 'stencil' or 'cell'")
     check.between("cfl", discretisation.cfl, 0.0, 1.0)
     if discretisation.scheme is Scheme.USL and discretisation.cfl > USL_CFL:
         raise ValueError(

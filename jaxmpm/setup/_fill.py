@@ -11,7 +11,7 @@ from jax.typing import DTypeLike
 
 from foundation import check
 from jaxmpm.grid import Grid, Particles
-from jaxmpm.setup._discretisation import Discretisation, Order
+from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
 
 
@@ -85,19 +85,18 @@ def box_particles(
     return fill(extent, discretisation.spacing, unit_weight=soil.unit_weight, corner=corner, dtype=discretisation.dtype)
 
 
-def ordered(particles: Particles, grid: Grid, order: Order) -> Particles:
-    """Particles in an order in which neighbours are close in memory, the last axis fastest.
+def ordered(particles: Particles, grid: Grid) -> Particles:
+    """Particles in an order in which those that start with the same nodes follow each other, the last axis fastest.
 
     Args:
         particles: in any order.
-        grid: whose cells or nodes count.
-        order: "stencil" or "cell", see `Discretisation`.
+        grid: whose nodes count.
 
     Returns:
         The same particles.
     """
     position = np.asarray(particles.position, float)
     cells = (position - np.asarray(grid.origin)[:, None]) / grid.cell
-    number = np.floor(cells - 0.5 if order == "stencil" else cells).astype(np.int64)
+    number = np.floor(cells - 0.5).astype(np.int64)
     sequence = np.lexsort(number[::-1])
     return jax.tree.map(lambda leaf: leaf[..., sequence], particles)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmpm.grid import Grid, RigidBase, Wall
+from jaxmpm.grid import RigidBase, Wall
 from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
-from jaxmpm.protocols import Kernel
-from jaxmpm.setup._discretisation import Discretisation
 
 
 @dataclass(frozen=True)
@@ -61,43 +57,3 @@ class Loads:
     water: WaterTable | WaterSurface | None = None
     pore_pressure: ArrayLike | None = None
     motion: BaseMotion | None = None
-
-
-RENAMED = {"wall_friction": "friction", "wall_cohesion": "cohesion", "wall_pressure": "pressure"}
-"""Keywords that `scene` had before, by another name than that of the option."""
-
-Options = TypeVar("Options", Discretisation, Boundary, Loads)
-
-
-def regrouped(grid: Grid, keywords: Mapping[str, Any]) -> tuple[Kernel, Discretisation, Boundary, Loads]:
-    """Options from the keywords that `scene` had before, with a DeprecationWarning.
-
-    Args:
-        grid: of the scene.
-        keywords: those that were given.
-
-    Returns:
-        Kernel, numerical choices, boundary and loads.
-
-    Raises:
-        TypeError: If a keyword is unknown, or there is no kernel.
-    """
-    given = {RENAMED.get(name, name): value for name, value in keywords.items()}
-    known = {"kernel", *(field.name for kind in (Discretisation, Boundary, Loads) for field in fields(kind))}
-    if unknown := sorted(given.keys() - known):
-        raise TypeError(f"scene() takes no {', '.join(unknown)}")
-    if "kernel" not in given:
-        raise TypeError("scene() has no numerical choices: give discretisation = Discretisation(cell, spacing)")
-    warnings.warn(
-        f"the keywords {', '.join(sorted(keywords))} of scene() will leave the next version, give discretisation, "
-        "boundary and loads",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    kernel = given.pop("kernel")
-
-    def of(kind: type[Options], **first: Any) -> Options:
-        return kind(**first, **{field.name: given[field.name] for field in fields(kind) if field.name in given})
-
-    numerics = of(Discretisation, cell=grid.cell, spacing=(grid.cell,) * grid.dimension)
-    return kernel, numerics, of(Boundary), of(Loads)

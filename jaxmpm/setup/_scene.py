@@ -12,7 +12,7 @@ import numpy as np
 from foundation import check
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import BaseMotion, frictional, remembers_gap
-from jaxmpm.protocols import Kernel, Material
+from jaxmpm.protocols import Material
 from jaxmpm.setup._choices import (
     check_boundary,
     check_engine,
@@ -27,7 +27,7 @@ from jaxmpm.setup._choices import (
 from jaxmpm.setup._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.setup._law import check_scene, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
-from jaxmpm.setup._options import Boundary, Loads, regrouped
+from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import passes_for
 from jaxmpm.types import Engine, Scene, State, Status
@@ -37,13 +37,12 @@ def scene(
     particles: Particles,
     grid: Grid,
     material: Material,
-    discretisation: Discretisation | None = None,
+    discretisation: Discretisation,
     *,
     boundary: Boundary | None = None,
     loads: Loads | None = None,
     speed: float | None = None,
     engine: Engine | None = None,
-    **before: object,
 ) -> Scene:
     """Build a scene of any particles and law; numbers take the precision of the particles' positions.
 
@@ -59,21 +58,16 @@ def scene(
         loads: gravity, body force, water and motion; None for none.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the grid.
         engine: of the transfers, None for the fastest available.
-        **before: keywords of before, in place of the options; they will leave the next version.
 
     Returns:
         Scene.
 
     Raises:
         ValueError: If shapes, numbers or choices do not fit; the message names each.
-        TypeError: If a keyword is unknown, or there is no discretisation.
     """
     d, boundary, loads = check_grid(grid), boundary or Boundary(), loads or Loads()
-    kernel: Kernel | None = None
-    if before or discretisation is None:
-        kernel, discretisation, boundary, loads = regrouped(grid, before)
     check_discretisation(discretisation, d)
-    kernel = kernel or kernel_of(discretisation)
+    kernel = kernel_of(discretisation)
     if discretisation.cell != grid.cell:
         raise ValueError(f"cell = {discretisation.cell:g} m on a grid of cells of {grid.cell:g} m: give the same")
     dtype = check_particles(particles, grid)
@@ -123,7 +117,7 @@ def scene(
         engine=engine,
         fbar=bool(numerics.fbar),
         cell_average=average,
-        gap_average=average and bool(numerics.gap_average) and frictional(material) is not False,
+        gap_average=average and frictional(material) is not False,
         finite_strain=bool(numerics.finite_strain),
         xpic=numerics.xpic,
         nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),

@@ -21,7 +21,6 @@ import cooperative.store
 import cooperative.summary
 import cooperative.values
 import foundation.check
-import foundation.deprecated
 import foundation.files
 import foundation.hdf5
 import foundation.pytrees
@@ -53,7 +52,7 @@ def test_public_names_are_documented():
 # Modules whose functions a script calls by the module's name.
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
-    *(foundation.check, foundation.deprecated, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
+    *(foundation.check, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
     *(cooperative.doctor, cooperative.hazard, cooperative.summary, cooperative.values),
     *(cooperative.research.back_analysis, cooperative.research.rare),
 )

@@ -12,7 +12,7 @@ from tests import ROOT
 
 # From the bottom up: a room, or a module that stands alone, may import what stands before it.
 ROOMS = {
-    "foundation": "text pytrees deprecated check extras files hdf5 table",
+    "foundation": "text pytrees check extras files hdf5 table",
     "jaxmpm": (
         "grid protocols types storage tensors transfer laws boundary equations _step diagnostics soil setup ground run "
         "io"

@@ -10,16 +10,7 @@ from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._reading import Keyed, Schema, first_entry, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._scene import SITES, STORED, Scene
 from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil
-from cooperative.scene.tables._stored import (
-    MOST_RUNS,
-    Budget,
-    Calibration,
-    Defaults,
-    FieldModes,
-    LimitLoad,
-    LongerSlides,
-    Measured,
-)
+from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured
 from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep, flat
 from cooperative.scene.tables._varying import CORRELATIONS, MARGINALS, Varying
 
@@ -36,8 +27,6 @@ __all__ = [
     "Budget",
     "Calibration",
     "Campaign",
-    "Defaults",
-    "FieldModes",
     "Grid",
     "Ground",
     "Hazard",

@@ -67,7 +67,7 @@ class Grid(Table):
         otherwise="`true`; where no soil has friction `false` if `fbar` is given, as either value",
     )  # fmt: skip
     fbar: bool | None = key(
-        "F-bar instead, averages over neighbours, the default cure of earlier versions where no soil has friction.",
+        "F-bar instead, averages over neighbours; for soil without friction.",
         True, None, otherwise="`false`",
     )  # fmt: skip
     internal_length: Length | Literal["none"] | None = key(

@@ -14,7 +14,7 @@ from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import Table, plain_name
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil
-from cooperative.scene.tables._stored import Calibration, Defaults, FieldModes, GivenEstimator, LimitLoad
+from cooperative.scene.tables._stored import Calibration, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
 from cooperative.scene.tables._varying import Varying
 
@@ -22,7 +22,7 @@ LONGEST_NAME = 200
 MOST_LAYERS = 100
 SITES = ("slope", "ground", "terrain")
 """Tables of which a scene has one: it describes the ground."""
-STORED = ("calibration", "defaults", "estimator", "field_modes", "files", "limit_load")
+STORED = ("calibration", "estimator", "files", "limit_load")
 """Tables that a campaign wrote into the scene that it keeps."""
 
 
@@ -55,9 +55,7 @@ class Scene(Table):
     sweep: Sweep | None = Field(None, json_schema_extra={"minProperties": 1})
     scenario: Annotated[list[Scenario], MaxLen(MOST_LAYERS)] | None = None
     calibration: Calibration | None = None
-    defaults: Defaults | None = None
     estimator: GivenEstimator | None = None
-    field_modes: FieldModes | None = None
     limit_load: LimitLoad | None = None
     files: dict[str, object] = Field(
         default_factory=dict,

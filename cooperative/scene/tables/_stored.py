@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from annotated_types import Ge, Interval
 from pydantic import ConfigDict, Strict, computed_field
@@ -37,14 +37,11 @@ class Calibration:
 
 @dataclass(frozen=True, config=CONFIG)
 class LimitLoad:
-    """The limit load of the slope of median soil, on the refined grid.
-
-    volume: None in folders of before, where any particle counted.
-    """
+    """The limit load of the slope of median soil, on the refined grid."""
 
     factor: AboveZero = key("Factor of safety.", 1.2)
     displacement: Length = key("Displacement that goes with it.", 0.3)
-    volume: AboveZero | None = key("Least volume that moves farther (m3, in a section m2).", 5.0, None)
+    volume: AboveZero = key("Least volume that moves farther (m3, in a section m2).", 5.0)
     sharpness: AboveZero | None = key(
         "Growth of the displacement beyond the limit load, over that below.", 50.0, None, otherwise="not known"
     )
@@ -103,27 +100,6 @@ class LongerSlides:
     """
 
     t_end: Annotated[float, Interval(gt=0, le=1e9)]
-
-
-class FieldModes(Table):
-    """How many terms each expansion of the random soil has."""
-
-    counts: Terms = key("Of each expansion.", [242])
-
-
-class Defaults(Table):
-    """Defaults of both grids, of the soil and of runs that were others once, as they were at the campaign's start.
-
-    A key that it lacks is younger than the campaign.
-    """
-
-    cfl: AboveZero = key("Of both grids.", 0.5)
-    gap_memory: bool = key("Of the soil.", False, False)
-    valley: AboveZero = key("Of the campaign. Earlier versions asked for a lull, which is about this.", 0.05, 0.05)
-    early: bool = key("Whether runs may end by `early`.", False, False)
-    order: Literal["stencil", "cell"] = key("Of the particles of all grids.", "cell", "cell")
-    gap_average: bool = key("Of all grids.", False, False)
-    fbar: bool = key("Of grids on which no soil has friction.", True, True)
 
 
 class GivenEstimator(Table):

@@ -21,9 +21,11 @@ from tests.cooperative.campaign.test_campaign import TINY, changed
 AS_PUBLISHED = TINY.replace("tension_cutoff = 0.0", 'tension_cutoff = 0.0\nsoftening_length = "cell"').replace(
     "spacing = [", "fbar = false\nspacing = ["
 )
-SUBSET = changed(
-    'estimator = "published"', 'estimator = "subset"\nlevels = 1\nreplicates = 2\nrefined_runs = 12'
-).replace("samples = 6", "samples = 40")
+SUBSET = (
+    changed('estimator = "published"', 'estimator = "subset"\nlevels = 1\nreplicates = 2\nrefined_runs = 12')
+    .replace("samples = 6", "samples = 40")
+    .replace("k_t = 2\n", "")
+)
 
 
 @pytest.mark.slow

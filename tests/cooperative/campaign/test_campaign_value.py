@@ -128,16 +128,6 @@ def test_words_are_the_campaign_again(text):
         np.testing.assert_array_equal(values, model.parameters(xi)[name])
 
 
-def test_grids_of_an_older_campaign_stay_as_they_were():
-    source = source_of_value(TINY_IN_PYTHON)
-    words = json.loads(json.dumps(source.beside))
-    for younger in ("order", "gap_average"):
-        del words["campaign"]["rough"][younger]
-    again = campaign_of_words(replace(source, beside=words))
-    assert (again.rough.order, again.refined.order) == ("cell", "stencil")
-    assert (again.rough.gap_average, again.refined.gap_average) == (False, True)
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

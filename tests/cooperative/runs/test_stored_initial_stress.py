@@ -1,6 +1,5 @@
 """The initial stress of a grid is solved once per campaign; workers, resumed campaigns and exports read it."""
 
-import tarfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, make_dataclass, replace
 from types import SimpleNamespace
@@ -14,11 +13,10 @@ from cooperative import campaign
 from cooperative.reporting._exports import export_sample
 from cooperative.runs import _executors, build, keep_initial, random_soil, verify_initial
 from cooperative.runs._built import initial_path
-from cooperative.scene import campaign_of, parse
+from cooperative.scene import parse
 from cooperative.store import read_rows, read_store, sample_path
 from foundation.files import set_aside
 from foundation.pytrees import pytree
-from tests import ROOT
 
 SCENE = TINY.replace("samples = 6", "samples = 3").replace("t_end = 4.0", "t_end = 0.5")
 ASKED = parse(SCENE)
@@ -167,12 +165,3 @@ def test_a_new_part_of_scenes_changes_nothing_where_it_is_absent(stored, value, 
     keep_initial(stored, "rough", pytree(newer)(**parts, newer=value), model.state)
     assert (path.stat().st_mtime_ns == before) is same
     assert path.with_name("rough.h5.damaged").exists() is not same
-
-
-@pytest.mark.parametrize("grid", GRIDS)
-def test_the_stress_that_an_earlier_version_stored_is_read(tmp_path, solved, grid):
-    with tarfile.open(ROOT / "tests" / "data" / "audit.tar.xz") as archive:
-        archive.extractall(tmp_path, filter="data")
-    earlier = campaign_of(read_store(tmp_path / "audit"))
-    build(earlier, grid, random_soil(earlier), folder=tmp_path / "audit")
-    assert not solved

@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import Measured, campaign_of, parse, with_measured
+from cooperative.scene import Measured, campaign_of, parse, tables, with_measured
 from cooperative.store import read_sample, read_store
 from tests.cooperative.scene.test_random_soil import CORRELATED, FIELDS, LEFT, SAND
 
@@ -87,7 +87,7 @@ def test_each_group_takes_its_own(text):
 )
 def test_counts_that_are_not_of_this_field_are_refused(edge, done, tmp_path, counts, message):
     with pytest.raises(ValueError, match=message):
-        runs.random_soil(parse(f"{edge}\n[field_modes]\ncounts = {counts}\n"))
+        runs.random_soil(replace(parse(edge), measured=tables.read(Measured, {"terms": counts})))
     folder = tmp_path / "out"
     shutil.copytree(done, folder)
     (folder / "measured.json").write_text(json.dumps({"terms": counts}))

@@ -4,8 +4,7 @@ import pytest
 
 from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import campaign_of, parse
-from cooperative.store import read_store
+from cooperative.scene import parse
 from tests.cooperative.scene.test_random_soil import changed
 
 
@@ -16,16 +15,11 @@ def test_a_scene_may_mean_what_looks_like_a_slip():
     assert parse(spun).run.gravity == 490.5
 
 
-def test_a_campaign_under_way_is_not_asked_about_its_numbers(tmp_path):
+def test_a_campaign_of_odd_numbers_leaves_no_folder(tmp_path):
     odd = changed(TINY, ("young = 2e7", "young = 1e5"), ("[run]", "[run]\ngravity = 490.5"))
     with pytest.raises(ValueError, match=r"\[run\] gravity = 490.5 m/s2, above 30 m/s2"):
         run(odd, tmp_path / "new")
     assert not (tmp_path / "new").exists()
-    (tmp_path / "samples").mkdir()
-    (tmp_path / "scene.toml").write_text(odd)
-    assert campaign_of(read_store(tmp_path)).soil.young == 1e5
-    with pytest.raises(ValueError, match="workers = 0"):
-        run(odd, tmp_path, workers=0)
 
 
 def test_boreholes_that_cannot_be_are_refused():

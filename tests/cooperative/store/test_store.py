@@ -14,6 +14,8 @@ import h5py
 import numpy as np
 import pytest
 
+from cooperative import campaign
+from cooperative.scene import settled
 from cooperative.store import (
     DamagedFile,
     Sample,
@@ -27,6 +29,7 @@ from cooperative.store import (
     write_sample,
 )
 from tests import ROOT
+from tests.cooperative.campaign.test_campaign import TINY
 
 SCENE = '[soil]\nSu_mean = 42000.0\nSu_cov = 0.3\n[campaign]\nsamples = 10\ngrids = ["rough", "refined"]\n'
 
@@ -82,10 +85,11 @@ def test_a_folder_says_what_it_is_once(tmp_path):
     assert path.read_text() == "my own notes"
 
 
-def test_a_folder_from_before_gets_the_text_and_a_link_of_that_name_is_left_alone(tmp_path):
+def test_a_folder_without_its_text_gets_it_and_a_link_of_that_name_is_left_alone(tmp_path):
     for name in ("old", "linked"):
         (tmp_path / name / "samples").mkdir(parents=True)
         (tmp_path / name / "scene.toml").write_text(SCENE)
+        (tmp_path / name / "campaign.json").write_text("{}")
     elsewhere = tmp_path / "elsewhere.txt"
     elsewhere.write_text("theirs")
     (tmp_path / "linked" / "README.txt").symlink_to(elsewhere)
@@ -342,3 +346,21 @@ def test_kill_9_while_writing_loses_nothing_that_was_finished(tmp_path):
         assert list((store.folder / "samples/rough").glob(".*.part")) == []
         for number in rows.numbers[:: max(len(rows.numbers) // 20, 1)]:
             assert_same(read_sample(store, "rough", number), sample(number, size=20_000))
+
+
+@pytest.mark.parametrize("content", ["[1.0", "[]", "\x00", "[" * 100_000])
+def test_a_damaged_file_beside_a_scene_is_named(tmp_path, content):
+    with open_store(tmp_path, settled(TINY, tmp_path)):
+        pass
+    (tmp_path / "campaign.json").write_text(content)
+    for opened in (lambda: read_store(tmp_path), lambda: campaign.run(TINY, tmp_path)):
+        with pytest.raises(ValueError, match=r"campaign\.json is damaged .*put back the file"):
+            opened()
+
+
+def test_a_folder_that_was_killed_as_it_began_is_begun_anew(tmp_path):
+    (tmp_path / "campaign.json").write_text('{"files": {}}')
+    with pytest.raises(ValueError, match="holds no campaign"):
+        read_store(tmp_path)
+    with open_store(tmp_path, TINY) as store:
+        assert store.digest == scene_digest(TINY)

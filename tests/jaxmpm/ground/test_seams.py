@@ -9,7 +9,6 @@ import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED
 from cooperative.__main__ import main
 from cooperative.scene import built, parse
-from cooperative.store import Source
 from tests.cooperative.scene.test_random_soil import changed
 
 STRONG, WEAK = mpm.FrictionalSoil(20e3, 20.0), mpm.FrictionalSoil(0.0, 10.0)
@@ -79,7 +78,6 @@ def test_a_scene_asks_about_a_seam_too_thin_for_its_refined_grid():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             built(parse(text), "rough", at_rest=False)
-    assert parse(Source(SEAM, begun=True)).site.layers
 
 
 def test_check_gives_the_cells_of_every_layer(tmp_path, capsys):
