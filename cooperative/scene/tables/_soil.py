@@ -79,7 +79,10 @@ class _Soil(Table, Generic[F]):
         synonyms="softening=linear linear_softening",
     )  # fmt: skip
     residual_ratio: OrTable[Annotated[float, _of("residual_ratio")], F] = key(
-        "Strength left at large strain, over the peak.", 0.5, 1.0, synonyms="residual residual_strength"
+        "Strength left at large strain, over the peak.",
+        0.5,
+        UndrainedSoil.residual_ratio,
+        synonyms="residual residual_strength",
     )
     tension_cutoff: Annotated[float, _of("tension_cutoff")] | None = key(
         "Largest mean tension.", 0.0, None, otherwise="no limit"

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED
 from cooperative.scene import TABLES, parse
 from cooperative.scene.tables import Table, read
@@ -96,3 +97,10 @@ def test_packages_are_imported_without_the_tables():
     loaded = "import sys, jaxmpm, kl, cooperative; print([m for m in sys.modules if m.split('.')[0] == 'pydantic'])"
     done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+def test_clay_that_softens_keeps_the_residual_strength_of_the_solvers_own_clay():
+    text = TINY.replace("residual_ratio = 0.5\n", "")
+    assert text != TINY
+    soil = parse(text).soil
+    assert (soil.softening_modulus, soil.residual_ratio) == (85e3, mpm.Soil.residual_ratio)
