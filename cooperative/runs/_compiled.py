@@ -9,16 +9,13 @@ import gc
 import hashlib
 import os
 import platform
-import threading
+import warnings
+import zlib
 from pathlib import Path
 
 import jax
+import jaxlib
 import platformdirs
-
-try:
-    from jax._src import compilation_cache as jax_cache
-except ImportError:
-    jax_cache = None  # type: ignore[assignment]
 
 from jaxmpm.transfer import native_library
 
@@ -31,7 +28,8 @@ MAPPINGS, MOST_MAPPINGS = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_co
 FULL = 0.6
 """Share of the memory mappings that a process may hold, from which on its programs are released."""
 
-_jaxs_entries = getattr(jax_cache, "get_file_cache", None)
+CHECKED = ".checked"
+"""File of a folder whose time is that of the last look for damaged entries."""
 
 
 def keep_compiled(parent: Path | None = None) -> Path | None:
@@ -39,13 +37,12 @@ def keep_compiled(parent: Path | None = None) -> Path | None:
 
     Args:
         parent: of that folder; None takes the user's cache folder. JAX's own variables apply: JAX_COMPILATION_CACHE_DIR
-            names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing (None). A damaged entry is compiled and
-            written anew; where JAX_COMPILATION_CACHE_MAX_SIZE bounds the folder, JAX alone writes and reads it.
+            names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing (None).
     """
     if not jax.config.jax_enable_compilation_cache:  # type: ignore[attr-defined]
         return None
-    if _jaxs_entries is not None:
-        jax_cache.get_file_cache = _entries  # type: ignore[assignment]
+    # JAX compiles what it cannot read, and says so of an entry that another process is writing.
+    warnings.filterwarnings("ignore", "Error reading persistent compilation cache entry")
     if VARIABLE not in os.environ:
         parent = platformdirs.user_cache_path("jaxmpm") if parent is None else parent
         os.environ[VARIABLE] = str(parent / machine())
@@ -53,16 +50,40 @@ def keep_compiled(parent: Path | None = None) -> Path | None:
         for name, value in (("min_compile_time_secs", SHORTEST), ("min_entry_size_bytes", 0)):
             if os.environ.setdefault(f"JAX_PERSISTENT_CACHE_{name.upper()}", str(value)) == str(value):
                 jax.config.update(f"jax_persistent_cache_{name}", value)
+        delete_damaged(Path(os.environ[VARIABLE]))
     return Path(os.environ[VARIABLE])
 
 
+def delete_damaged(folder: Path) -> None:
+    """Delete entries that JAX cannot read, such as a killed process leaves: JAX never replaces one.
+
+    It looks at those alone that were written since it last looked.
+
+    Args:
+        folder: of compiled programs.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    checked = folder / CHECKED
+    since = checked.stat().st_mtime_ns if checked.exists() else 0
+    checked.touch()
+    for entry in folder.glob("*-cache"):
+        try:
+            # JAX packs entries by zlib, or by zstd where that is installed, which reads them itself.
+            if entry.stat().st_mtime_ns >= since and (content := entry.read_bytes())[:1] in (b"x", b""):
+                zlib.decompress(content)
+        except FileNotFoundError:
+            continue
+        except zlib.error:
+            entry.unlink(missing_ok=True)
+
+
 def machine() -> str:
-    """Sixteen letters that another processor, or another build of the native library, does not share.
+    """Sixteen letters that another processor, jaxlib or build of the native library does not share.
 
     JAX names what it keeps by program, flags and version, but on CPU by neither the processor's instructions nor what a
     library called from the program is; code built for one machine may be illegal on another.
     """
-    digest = hashlib.sha256(f"{platform.machine()} {platform.processor()}".encode())
+    digest = hashlib.sha256(f"{platform.machine()} {platform.processor()} {jaxlib.__version__}".encode())
     processor = Path("/proc/cpuinfo")
     if processor.exists():
         lines = processor.read_bytes().splitlines()
@@ -71,54 +92,6 @@ def machine() -> str:
     if library is not None:
         digest.update(library.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _entries(folder: str) -> object:
-    """The entries of a folder, and its name, as JAX asks for them: ours, or JAX's own for what ours do not do."""
-    bounded = getattr(jax.config, "jax_compilation_cache_max_size", -1) != -1
-    compared = getattr(jax.config, "jax_compilation_cache_check_contents", False)
-    if bounded or compared or "://" in folder:
-        return _jaxs_entries(folder)  # type: ignore[misc]
-    return _Entries(folder), folder
-
-
-class _Entries:
-    """Files of compiled programs, named as JAX names them, each with its SHA-256 at the end.
-
-    JAX writes them in place and never replaces one, so that it compiles what a killed process left half written again
-    in every process. Here a file whose end is not the SHA-256 of the rest counts as missing, those that JAX wrote too,
-    and is replaced. Decompression stops before the SHA-256, so that JAX reads these files too.
-    """
-
-    def __init__(self, folder: str) -> None:
-        self._path = Path(folder)
-        self._path.mkdir(parents=True, exist_ok=True)
-
-    def get(self, key: str) -> bytes | None:
-        """The program of this key, None where there is none that is whole."""
-        try:
-            stored = self._file(key).read_bytes()
-        except FileNotFoundError:
-            return None
-        program = stored[: -hashlib.sha256().digest_size]
-        return program if stored == _sealed(program) else None
-
-    def put(self, key: str, program: bytes) -> None:
-        """Write the program beside its place and rename it: processes may write the same one at the same time."""
-        file = self._file(key)
-        part = file.with_name(f".{key}.{os.getpid()}-{threading.get_ident()}")
-        try:
-            part.write_bytes(_sealed(program))
-            os.replace(part, file)
-        finally:
-            part.unlink(missing_ok=True)
-
-    def _file(self, key: str) -> Path:
-        return self._path / f"{key}-cache"
-
-
-def _sealed(program: bytes) -> bytes:
-    return program + hashlib.sha256(program).digest()
 
 
 def memory_mappings() -> tuple[int, int] | None:
