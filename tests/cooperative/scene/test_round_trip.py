@@ -108,7 +108,7 @@ def test_a_scene_is_the_same_after_its_folder(tmp_path_factory, scene):
     assert refuse_another(out, source) == there
     again = read(there)
     assert again.source.digest == source.digest
-    assert source_of_value(again) == source_of_value(read(Source(text, source.beside, begun=True)))
+    assert source_of_value(again) == source_of_value(read(Source(text, source.beside)))
     # The same campaign as one that was written in Python.
     in_words = tmp_path_factory.mktemp("in-python")
     source_of_value(campaign).write(in_words)
