@@ -178,27 +178,6 @@ def read_given(path: Path, most: int) -> bytes:
         raise ValueError(f"{path} cannot be read ({error.strerror})") from error
 
 
-def check_given(path: str | Path, most: int) -> None:
-    """Check the size of a file that a user names, before a library opens it.
-
-    Args:
-        path: of the file.
-        most: largest size allowed (bytes).
-
-    Raises:
-        ValueError: If it is no regular file or too large, or the system refuses.
-    """
-    try:
-        about = os.stat(path)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ValueError(f"{path} cannot be read ({reason}): give a file that is there") from error
-    if not stat.S_ISREG(about.st_mode):
-        raise ValueError(f"{path} is no regular file")
-    if about.st_size > most:
-        raise ValueError(f"{path} has {about.st_size} bytes, the limit is {most}: give the part that is needed")
-
-
 def set_aside(path: Path) -> Path:
     """Rename a damaged file, link or folder to `*.damaged`, so that it is preserved under a name that is not used.
 

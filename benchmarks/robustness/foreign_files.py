@@ -288,7 +288,7 @@ def read(path: Path) -> Any:
     if kind == "section":
         return files.points(path.name)
     if kind == "record":
-        return files.motion(path.name).acceleration.tolist()
+        return files.motion(path.name, None).acceleration.tolist()
     return files.data(path.name) if path.name == "cpt.csv" else [each.cone.tolist() for each in read_files([path])[0]]
 
 

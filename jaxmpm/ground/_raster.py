@@ -55,6 +55,9 @@ RADIUS, FLATTENED = 6_378_137.0, 0.00669438
 ANGLES = ("degree", "degrees", "radian", "grad", "gon", "arc-second", "unity")
 """Names of units in a projection that are no lengths."""
 
+KEYED = re.compile(r"\s*([A-Za-z_]{1,40})\s+(\S+)")
+"""A key of an ESRI grid and its number."""
+
 HEADER = ("ncols", "nrows", "cellsize")
 CORNERS = (("xllcorner", "yllcorner", 0.5), ("xllcenter", "yllcenter", 0.0))
 """Keys of an ESRI grid's lower left corner, and the distance of the first point from it in steps."""
@@ -244,17 +247,15 @@ def _esri(path: Path) -> Raster:
     except ValueError as error:
         raise ValueError(f"{error}; an ESRI ASCII grid, or a GeoTIFF (.tif), is needed") from error
     # Nothing but decimals has a comma there.
-    words = re.sub(r"(?<=\d),(?=\d)", ".", text).split()
+    text = re.sub(r"(?<=\d),(?=\d)", ".", text) if "," in text else text
     header: dict[str, float] = {}
     at = 0
-    while (
-        at + 1 < len(words) and re.fullmatch(r"[A-Za-z_]{1,40}", words[at]) and words[at].lower() not in ("nan", "inf")
-    ):
+    while (entry := KEYED.match(text, at)) and entry[1].lower() not in ("nan", "inf"):
         try:
-            header[words[at].lower()] = float(words[at + 1])
+            header[entry[1].lower()] = float(entry[2])
         except ValueError as error:
-            raise ValueError(f"{path}: {words[at]} is {shown(words[at + 1])}: give a number") from error
-        at += 2
+            raise ValueError(f"{path}: {entry[1]} is {shown(entry[2])}: give a number") from error
+        at = entry.end()
     lacks = [key for key in HEADER if key not in header and not (key == "cellsize" and {"dx", "dy"} <= header.keys())]
     corner = next((keys for keys in CORNERS if header.keys() >= set(keys[:2])), None)
     if lacks or corner is None:
@@ -262,13 +263,11 @@ def _esri(path: Path) -> Raster:
             f"{path} lacks {', '.join([*lacks, *(['xllcorner'] if corner is None else [])])}: is it an ESRI grid?"
         )
     nx, ny = header["ncols"], header["nrows"]
-    if not (nx.is_integer() and ny.is_integer() and nx * ny == len(words) - at):
-        raise ValueError(f"{path} declares {nx:g} times {ny:g} heights and holds {len(words) - at}: it is damaged")
+    values = _numbers(path, text[at:])
+    if not (nx.is_integer() and ny.is_integer() and nx * ny == len(values)):
+        raise ValueError(f"{path} declares {nx:g} times {ny:g} heights and holds {len(values)}: it is damaged")
     step = _square(path, header.get("dx", header.get("cellsize", 0.0)), header.get("dy"), max(nx, ny))
-    try:
-        heights = np.array(words[at:], float).reshape(int(ny), int(nx))[::-1].T
-    except ValueError as error:
-        raise ValueError(f"{path} has an entry that is no number: {shown(str(error))}") from error
+    heights = values.reshape(int(ny), int(nx))[::-1].T
     # Programs print the number of holes with other digits above than below.
     holes = np.isclose(heights, header.get("nodata_value", -9999.0), rtol=1e-6, atol=0)
     heights = np.where(holes | ~np.isfinite(heights), np.nan, heights)
@@ -276,6 +275,25 @@ def _esri(path: Path) -> Raster:
     return Raster(
         np.ascontiguousarray(heights), (header[x] + half * step, header[y] + half * step), step, _beside(path)
     )
+
+
+def _numbers(path: Path, text: str) -> np.ndarray:
+    """Numbers (n,) with blanks between them, in as many bytes as they need: words of their own would take eightfold."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # of a text that is no number
+            return np.fromstring(text, sep=" ") if text.strip() else np.zeros(0)
+    except (ValueError, DeprecationWarning) as error:
+        wrong = next(filter(None, (word[0] for word in re.finditer(r"\S+", text) if not _is_number(word[0]))), "")
+        raise ValueError(f"{path} has an entry that is no number: {shown(wrong)}") from error
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _square(path: Path, dx: float, dy: float | None, count: float) -> float:
@@ -370,7 +388,7 @@ def _geotiff(path: Path) -> Raster:
     # Bytes, so that the library opens nothing else: no address of a server, no file beside it.
     data = files.read_given(path, MOST_BYTES)
     if data[:4] not in TIFF:
-        raise ValueError(f"{path} cannot be read as a GeoTIFF: it is {'none' if data else 'empty'}")
+        raise ValueError(f"{path} cannot be read as a GeoTIFF: its first bytes are none of a TIFF")
     try:
         with rasterio.MemoryFile(data) as memory, warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)

@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -172,3 +173,33 @@ def test_what_reads_geotiffs_is_asked_for_where_it_lacks(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(ValueError, match=r"is a GeoTIFF, which rasterio reads: pip install rasterio"):
         mpm.read_raster(path)
+
+
+VIRTUAL = '<VRTDataset rasterXSize="3" rasterYSize="4"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>'
+VIRTUAL += "<SourceFilename>{}</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"
+METADATA = "<PAMDataset><Metadata><MDI key='AREA_OR_POINT'>Point</MDI></Metadata><PAMRasterBand band='1'>"
+METADATA += "<NoDataValue>111</NoDataValue><Scale>7</Scale></PAMRasterBand></PAMDataset>"
+
+
+def test_files_beside_a_geotiff_that_belong_to_it_elsewhere_are_not_read(tmp_path):
+    path = written(tmp_path / "dem.tif")
+    raster = mpm.read_raster(path)
+    bait = written(tmp_path / "bait.tif", np.full((4, 3), 31337.0))
+    (tmp_path / "dem.tif.aux.xml").write_text(METADATA)
+    for ending in ("ovr", "msk"):
+        (tmp_path / f"dem.tif.{ending}").write_text(VIRTUAL.format(bait))
+    (tmp_path / "dem.tfw").write_text("7\n0\n0\n-7\n0\n0\n")
+    assert mpm.read_raster(path) == raster
+    (tmp_path / "virtual.tif").write_text(VIRTUAL.format(bait))
+    with pytest.raises(ValueError, match=r"virtual\.tif cannot be read as a GeoTIFF: its first bytes are none"):
+        mpm.read_raster(tmp_path / "virtual.tif")
+
+
+def test_a_grid_of_short_words_takes_little_more_memory_than_its_numbers(tmp_path):
+    path = tmp_path / "dem.asc"
+    path.write_text("ncols 600\nnrows 600\nxllcorner 0\nyllcorner 0\ncellsize 1\n" + "12 " * 360_000)
+    tracemalloc.start()
+    assert (mpm.read_raster(path).heights == 12).all()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 15 * path.stat().st_size
