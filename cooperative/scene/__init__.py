@@ -14,6 +14,7 @@ from cooperative.scene._measured import (
     write_measured,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
+from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import national_origin
 from cooperative.scene._remarks import remarks
 from cooperative.scene._run import Run
@@ -64,6 +65,7 @@ __all__ = [
     "campaign_of",
     "campaigns_of",
     "changed",
+    "compare_projections",
     "doubts",
     "example",
     "examples",

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.scene import tables
-from cooperative.scene._projection import refuse_another
+from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import shift_of
 from cooperative.scene._shaking import AXES
 from cooperative.scene._vector import Feature, read_features
@@ -187,7 +187,7 @@ class Files:
         if projection is None:
             return
         for first, there in list(self.projections.items())[:1]:
-            if remark := refuse_another(name, projection, first, there):
+            if remark := compare_projections(name, projection, first, there):
                 check.warn(remark)
         self.projections.setdefault(name, projection)
 

@@ -43,8 +43,8 @@ def refuse_unmetric(where: str, given: str) -> None:
         raise ValueError(f"{where} is in {shown(crs.name)}, whose metres are stretched away from the equator: {remedy}")
 
 
-def refuse_another(where: str, given: str, other: str, there: str) -> str | None:
-    """Refuse a file in another projection than a first one.
+def compare_projections(where: str, given: str, other: str, there: str) -> str | None:
+    """Compare the coordinate systems of two files, and refuse different projections.
 
     Args:
         where: the file.

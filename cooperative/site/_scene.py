@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative.scene import toml_value
+from cooperative.scene import compare_projections, toml_value
 from cooperative.site._estimate import SiteEstimate
 from cooperative.soundings import SiteError
 from foundation import check, files
@@ -92,6 +92,11 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
 def _check_inside(site: SiteEstimate, surface: Path, raster: Raster) -> None:
     """Raise SiteError for a sounding beside the raster, and warn of one that begins well above or below the ground."""
     for each in site.soundings:
+        # Other names than EPSG codes are words of whoever wrote the file.
+        if raster.projection is not None and (each.projection or "").startswith("EPSG:"):
+            remark = compare_projections(each.file, str(each.projection), str(surface), raster.projection)
+            if remark is not None:
+                check.warn(remark)
         for axis, at, (low, high) in zip("xy", (each.x, each.y), raster.ends, strict=True):
             if not low <= at <= high:
                 raise SiteError(

@@ -232,6 +232,14 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
     above = estimate_site([tmp_path / "above.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])
     with pytest.warns(UserWarning, match=r"begins at 13 m, and .*hill.asc has the ground at 2\.\S+ m there: correct"):
         write_site(above, tmp_path / "above", raster)
+    (tmp_path / "hill.prj").write_text(pytest.importorskip("pyproj").CRS.from_epsg(32633).to_wkt("WKT1_ESRI"))
+    zone = text.replace("\n12,8,13,", "\nEPSG:25832,12,8,3,").replace("x [m]", "projection,x [m]")
+    (tmp_path / "zone.csv").write_text(zone.replace("\n99,8,3,", "\nEPSG:25832,12,8,3,"))
+    zone = estimate_site([tmp_path / "zone.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])
+    with pytest.raises(
+        ValueError, match=r"zone.csv is in 'ETRS89 / UTM zone 32N' and .*hill.asc in 'WGS 84 / UTM zone 33N'"
+    ):
+        write_site(zone, tmp_path / "zone", raster)
 
 
 def test_the_walk_runs_as_written_on_files_in_a_national_grid(tmp_path):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cooperative.scene import parse, tables
 from cooperative.scene._files import Files
-from cooperative.scene._projection import refuse_another, refuse_unmetric
+from cooperative.scene._projection import compare_projections, refuse_unmetric
 from cooperative.scene._vector import MOST_FEATURES, _of_bytes, read_features
 from cooperative.scene.tables._hazard import Exposed
 from tests.cooperative.scene.geopackages import blob, write
@@ -41,7 +41,7 @@ def test_a_shapefile_and_a_geojson_hold_the_house_of_their_column_name_in_any_ca
         pytest.importorskip("shapefile")
     features, projection = read_features(DATA / name, None)
     assert ring_of(features) == ("house", RING)
-    assert refuse_another("houses", projection, "surface", "EPSG:32633") is None
+    assert compare_projections("houses", projection, "surface", "EPSG:32633") is None
     with pytest.raises(ValueError, match="alone has layers: leave out #roofs"):
         read_features(DATA / name, "roofs")
 
@@ -147,9 +147,9 @@ def test_units_of_a_geopackage_are_those_of_its_coordinate_system(srs, reason, p
 def test_files_of_a_scene_have_one_projection(one, other, end):
     if end == "refused":
         with pytest.raises(ValueError, match=r"a is in .* and b in .*: project it to the same one"):
-            refuse_another("a", one, "b", other)
+            compare_projections("a", one, "b", other)
         return
-    remark = refuse_another("a", one, "b", other)
+    remark = compare_projections("a", one, "b", other)
     assert (remark is None) == (end == "same")
     assert remark is None or "one projection of two datums" in remark
 
@@ -167,7 +167,7 @@ def test_a_projection_is_known_again_in_the_words_of_other_programs(code):
         except pyproj.exceptions.CRSError:
             continue  # that program has no words for it
         refuse_unmetric("file", text)
-        assert refuse_another("a", f"EPSG:{code}", "b", text) is None, version
+        assert compare_projections("a", f"EPSG:{code}", "b", text) is None, version
 
 
 def test_a_second_file_in_another_zone_is_refused_beside_the_surface(package):
