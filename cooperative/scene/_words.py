@@ -59,7 +59,12 @@ def _offered() -> dict[str, type | FunctionType]:
     }
     own = (CrossCorrelation, Hazard, Plan, RandomField, RandomLevel, Run, Site, SiteLayer)
     offered |= {f"cooperative.{each.__name__}": each for each in own}
-    return {name: each for name, each in offered.items() if isinstance(each, type | FunctionType)}
+    return {name: each for name, each in offered.items() if isinstance(each, type) or _is_pure(each)}
+
+
+def _is_pure(each: object) -> bool:
+    """Whether this is a function that opens no file: a folder of somebody else chooses what is called."""
+    return isinstance(each, FunctionType) and "path" not in inspect.signature(each).parameters
 
 
 OF_THE_FOLDER = ("measured", "raised", "source")

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
+import kl
 from benchmarks.robustness.invented import LAYERED, TERRAIN, TINY
 from cooperative import (
     Campaign,
@@ -37,7 +38,7 @@ from cooperative import (
 )
 from cooperative.folder import read_results
 from cooperative.scene import Given, _words, campaign_of, parse
-from cooperative.scene._words import campaign_of_words, source_checksum, source_of_value
+from cooperative.scene._words import campaign_of_words, of_words, source_checksum, source_of_value
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_own_soil import SensitiveClay, Tresca
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
@@ -263,6 +264,7 @@ from functools import partial
 from typing import Any
 import jax.numpy as jnp
 import jaxmpm as mpm
+import kl
 from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, run
 from jaxmpm.laws import add, elastic_increment
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
@@ -306,3 +308,12 @@ def test_no_two_objects_of_the_packages_have_the_same_name_in_words():
         for name in module.__all__:
             known = objects.setdefault((module.__name__.partition(".")[0], name), getattr(module, name))
             assert known is getattr(module, name), name
+
+
+@pytest.mark.parametrize(
+    "name", ["kl.save", "kl.load", "jaxmpm.save_state", "jaxmpm.write_vtkhdf", "jaxmpm.read_raster"]
+)
+def test_no_words_lead_to_a_function_that_opens_files(name):
+    assert of_words({"offered": "kl.sobol"}, "coefficients") is kl.sobol
+    with pytest.raises(ValueError, match=f"holds {name}, which this version does not have"):
+        of_words({"offered": name}, "coefficients")
