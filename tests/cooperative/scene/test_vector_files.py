@@ -118,6 +118,8 @@ def test_a_multipolygon_of_one_part_and_three_dimensions_are_read_in_plan(packag
         ((4326, "EPSG", 4326, ""), "is in degrees"),
         ((0, "NONE", 0, "undefined"), "is in degrees"),
         ((3857, "EPSG", 3857, ""), "whose metres are stretched"),
+        ((9, "NONE", 9, "PROJCS[" * 2500), "has a coordinate system that is not known"),
+        ((9, "NONE", 9, 'PROJCS["a",EXTENSION["PROJ4","+init=BAIT:x"]]'), "has a coordinate system that is not known"),
         ((9, "NONE", 9, "/etc/passwd"), "has a coordinate system that is not known, '/etc/passwd'"),
         ((-1, "NONE", -1, "undefined"), None),
         (("\0" * 9, "NONE", -1, "undefined"), "has a coordinate system that is not known"),
