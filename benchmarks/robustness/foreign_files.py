@@ -24,7 +24,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cooperative.scene._files import Files
+from cooperative.scene import Files
 from cooperative.soundings import read_files
 
 SECRET = 31337.25
