@@ -273,10 +273,10 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
 
 
 def _field(table: tables.Varying, downhill: int) -> RandomField:
-    bedding = table.bedding
-    if bedding is not None:
-        towards = {1: 90.0, -1: 270.0}[downhill]
-        bedding = kl.Bedding(bedding.dip, towards if bedding.strike is None else bedding.strike)
+    bedding = None
+    if table.bedding is not None:
+        strike = {1: 90.0, -1: 270.0}[downhill] if table.bedding.strike is None else table.bedding.strike
+        bedding = kl.Bedding(table.bedding.dip, strike)
     return RandomField(**{**dict(table), "bedding": bedding})
 
 

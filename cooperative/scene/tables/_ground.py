@@ -135,8 +135,9 @@ class Ground(Table):
 class Terrain(Table):
     """Ground under a terrain model, in place of `[slope]`.
 
-    Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra `terrain`) beside the scene. A particle at the surface has
-    the volume and mass of that part of its box which lies below the surface.
+    Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra `terrain`) beside the scene; one in degrees, in feet or in
+    a projection whose metres are stretched is refused. Holes (NODATA) may lie outside `polygon` alone. A particle at
+    the surface has the volume and mass of that part of its box which lies below the surface.
     """
 
     surface: Raster = key("File of the heights of the ground.", "terrain.asc", units="m")
