@@ -351,7 +351,6 @@ def _on_the_ground(where: str, raster: Raster) -> Raster:
     projection, (x, y) = raster.projection or "", (sum(ends) / 2 for ends in raster.ends)
     try:
         from rasterio.crs import CRS
-        from rasterio.errors import RasterioError
         from rasterio.warp import transform
     except ImportError:
         mercator = re.search(r'"(?:POPULAR VISUALISATION PSEUDO[ -])?MERCATOR', projection.upper().replace("_", " "))
@@ -362,13 +361,10 @@ def _on_the_ground(where: str, raster: Raster) -> Raster:
         try:
             # An extension holds parameters of PROJ, some of which name files.
             crs = CRS.from_wkt(re.sub(r',\s*EXTENSION\["[^"]*","[^"]*"\]', "", projection))
-        except (RasterioError, ValueError):
-            check.warn(f"{where} has a projection that cannot be read, so that exported maps have none")
-            return replace(raster, projection=None)
-        try:
             east, north = np.radians(transform(crs, CRS.from_epsg(4326), *points))
-        except (RasterioError, ValueError):
-            return raster
+        except Exception:  # the library raises errors of several kinds
+            check.warn(f"{where} has a projection that places it nowhere on the earth, so that exported maps have none")
+            return replace(raster, projection=None)
         # Radii of curvature of the ellipsoid of WGS 84, along the meridian and across.
         part = 1 - FLATTENED * np.sin(north.mean()) ** 2
         along, across = RADIUS * (1 - FLATTENED) / part**1.5, RADIUS / math.sqrt(part) * math.cos(north.mean())

@@ -170,7 +170,8 @@ def test_a_surface_at_a_code_below_the_base_may_be_a_hole(tmp_path):
         mpm.Terrain(low, base=10.0).check()
 
 
-@pytest.mark.parametrize("text", ["Projection UTM\nZone 32\nZunits NO\nUnits METERS\n", "EPSG:32632", 'PROJCS["cut'])
+@pytest.mark.parametrize("text", ["Projection UTM\nZone 32\nZunits NO\nUnits METERS\n", "EPSG:32632", 'PROJCS["cut',
+                                  'LOCAL_CS["site",UNIT["metre",1]]'])  # fmt: skip
 def test_a_projection_that_is_no_text_of_gis_is_left_out_and_named(text, tmp_path):
     with pytest.warns(UserWarning, match="exported maps have"):
         assert mpm.read_raster(written(tmp_path, HEADER + "1 2 3\n4 5 6\n", text)).projection is None
