@@ -70,7 +70,7 @@ PARAMETERS = {
 _COLUMNS = CONE | POSITION | PARAMETERS
 
 
-def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) -> Contents:
+def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) -> tuple[list[Sounding], list[Measured]]:
     """Soundings and laboratory values of files, in the order given.
 
     Args:
@@ -220,8 +220,8 @@ def _ags_places(path: Path, group: Group) -> dict[str, Place]:
     if np.isnan(position[0]).all() and any(row.get("LOCA_LAT") for row in rows):
         raise SiteError(f"{path} has positions in degrees alone (LOCA_LAT): export it with LOCA_NATE and LOCA_NATN")
     return {
-        row["LOCA_ID"]: Place(*map(float, at), row.get("LOCA_DATM") or None, row.get("LOCA_GREF") or None)
-        for row, at in zip(rows, np.transpose(position), strict=True)
+        row["LOCA_ID"]: Place(x, y, top, row.get("LOCA_DATM") or None, row.get("LOCA_GREF") or None)
+        for row, (x, y, top) in zip(rows, np.transpose(position).tolist(), strict=True)
     }
 
 
@@ -326,15 +326,9 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
                 f"{path}: {dropped} values of {name} are left out, which have no position or are not above 0: correct "
                 "them, or leave such cells empty"
             )
-        each = (table["x"], y, z, table[name])
-        measured.append(
-            Measured(
-                str(path),
-                name,
-                *(values[valid] for values in each),
-                _one_text(path, "projection", texts.get("projection")),
-            )
-        )
+        projection = _one_text(path, "projection", texts.get("projection"))
+        at = table["x"][valid], y[valid], z[valid]
+        measured.append(Measured(str(path), name, *at, table[name][valid], projection))
     return [], measured
 
 
@@ -406,9 +400,13 @@ def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, mine: np.nd
         return float(values[0]) if len(values) else math.nan
 
     columns = {key: table[key][mine] for key in CONE if key in table}
-    single = {key: one(key) for key in ("x", "y", "top", "water", "predrilled")}
-    texts = {key: _one_text(path, key, table[key][mine]) for key in ("datum", "projection") if key in table}
-    return Record(file=str(path), name=name, columns=columns, **single, **texts)
+    datum, projection = (
+        _one_text(path, key, table[key][mine] if key in table else None) for key in ("datum", "projection")
+    )
+    return Record(
+        file=str(path), name=name, columns=columns, x=one("x"), y=one("y"), top=one("top"), datum=datum,
+        projection=projection, water=one("water"), predrilled=one("predrilled"),
+    )  # fmt: skip
 
 
 def _one_text(path: Path, key: str, column: np.ndarray | None) -> str | None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -81,8 +82,8 @@ def known_units(quantity: str) -> str:
     Args:
         quantity: of `UNITS`.
     """
-    first = {size: unit for unit, size in reversed(UNITS[quantity].items())}
-    return ", ".join(reversed(first.values()))
+    first = {size: unit for unit, size in reversed(list(UNITS[quantity].items()))}
+    return ", ".join(reversed(list(first.values())))
 
 
 @dataclass(frozen=True)
@@ -343,7 +344,7 @@ def checked(sounding: Sounding) -> Sounding:
             f"{where} has cone resistances with a median of {np.median(cone):.3g} Pa and up to {cone.max():.3g} Pa; "
             f"soil has 5e3 Pa to {LARGEST_CONE:g} Pa: give the right unit, such as qc [kPa] in the header"
         )
-    return replace(sounding, **columns)
+    return replace(sounding, **cast(dict[str, Any], columns))
 
 
 def _averaged(columns: Mapping[str, Values]) -> dict[str, Values]:

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.distance import pdist
 
 from foundation import check
@@ -209,7 +210,7 @@ def _posterior(model: Model, grids: list[HostArray], edges: HostArray, design: H
     return cells(of, grids, edges, design, model.linear(model.values, model.depth))
 
 
-def _thinned(model: Model, kept: HostArray) -> Model:
+def _thinned(model: Model, kept: npt.NDArray[np.int64]) -> Model:
     """The model of some of its values, by their numbers."""
     depth = None if model.depth is None else model.depth[kept]
     return replace(model, points=model.points[:, kept], depth=depth, values=model.values[kept])

@@ -100,7 +100,6 @@ class Model:
         product: HostArray | float = 1.0
         for one, other in zip(first[:-1], second[:-1], strict=True):
             lag = one[:, None] - other[None, :]
-            product = product * (
-                np.abs(lag) <= SAME_POSITION if length is None else self.correlation(float(length))(lag)
-            )
-        return np.asarray(product) if len(first) > 1 else product
+            near = np.abs(lag) <= SAME_POSITION if length is None else self.correlation(float(length))(lag)
+            product = product * np.asarray(near, float)
+        return product

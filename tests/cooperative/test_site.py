@@ -12,6 +12,7 @@ from cooperative._commands import main
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.scene import parse, remarks
 from cooperative.site import Assumed, estimate_site, write_site
+from cooperative.site._scene import _check_inside
 from cooperative.site._write import _horizontal
 from cooperative.soundings import (
     Sounding,
@@ -23,6 +24,7 @@ from cooperative.soundings import (
     read_rows,
     strength_of,
 )
+from jaxmpm import read_raster
 from kl.estimation import Interval
 from tests import ROOT
 from tests.scenes import tables, write_gef
@@ -227,6 +229,12 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
     beside = estimate_site([tmp_path / "cpt.csv"], Assumed(n_kt=(14.0, 0.0)), boundaries=[])
     with pytest.raises(ValueError, match=r"lies at x = 99 m, and .*hill.asc reaches from 1 to 33 m"):
         write_site(beside, tmp_path / "other", raster)
+    abroad = replace(beside, soundings=(replace(beside.soundings[0], x=12.0, projection="EPSG:32631"),))
+    projected = replace(
+        read_raster(raster), projection='PROJCS["RD",GEOGCS["A",AUTHORITY["EPSG","4289"]],AUTHORITY["EPSG","28992"]]'
+    )
+    with pytest.raises(ValueError, match=r"has its position in EPSG:32631, and .*hill.asc is in EPSG:28992"):
+        _check_inside(abroad, raster, projected)
     text = (tmp_path / "cpt.csv").read_text().replace("\n99,8,3,", "\n12,8,13,")
     (tmp_path / "above.csv").write_text(text)
     above = estimate_site([tmp_path / "above.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])

@@ -365,3 +365,31 @@ def test_names_of_soundings_are_one_printable_line(tmp_path):
     path.write_text(path.read_text().replace("#TESTID= a", "#TESTID= \x1b[31mCPT\u202e1\x07"))
     (read,), _ = read_files([path])
     assert read.name == "?[31mCPT?1?"
+
+
+@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), kind=st.sampled_from(["gef", "xml", "csv"]))
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_damaged_files_are_read_or_refused_by_name(tmp_path, data, kind):
+    """Bytes that are lost, doubled or changed come to a sounding or to an error that names the file."""
+    path = tmp_path / f"damaged.{kind}"
+    own = log(10, inclination=[1.0] * 10)
+    {"gef": as_gef, "csv": as_csv, "xml": lambda at, each: as_xml(at, as_test(each, "A"))}[kind](path, own)
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(content) - 2))
+        cut = data.draw(
+            st.sampled_from([b"", b"\n", b",", b";", b"!", b"-9999", b"nan", b"1e999", b'"', b"<", b"\xff"])
+        )
+        content[at : at + data.draw(st.integers(0, 40))] = cut
+    path.write_bytes(bytes(content))
+    soundings, refused = [], None
+    try:
+        soundings, _ = read_files([path])
+    except ValueError as error:
+        refused = str(error)
+    assert refused is None or "damaged" in refused
+    for each in soundings:
+        assert np.isfinite(each.depth).all()
+        assert (np.diff(each.depth) > 0).all()
+        assert (np.nan_to_num(each.cone) >= 0).all()
