@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 
 from cooperative.scene.tables import CORRELATIONS, MARGINALS
@@ -177,8 +178,8 @@ def _require_section(soundings: list[Sounding], measured: list[Measured], assume
     """Raise SiteError for positions in 3D beside a section, or of which none lies between its walls."""
     assert assumed.section is not None
     low, *_, high = assumed.section.surface[0]
-    x = np.concatenate([np.atleast_1d(each.x) for each in (*soundings, *measured)])
-    y = np.concatenate([np.atleast_1d(each.y) for each in (*soundings, *measured)])
+    every: list[Sounding | Measured] = [*soundings, *measured]
+    x, y = (np.concatenate([np.atleast_1d(getattr(each, axis)) for each in every]) for axis in "xy")
     placed = assumed.placed(x, y)
     if len(placed) > 1:
         raise SiteError(f"{assumed.section.path} is a section, the files have x and y: give --line, on which they lie")
@@ -251,7 +252,7 @@ def _fit(
     mean_factor, deviation = assumed.n_kt if parameter == "strength" and soundings and assumed.n_kt else (1.0, 0.0)
     scatter = deviation / mean_factor
     scores = np.random.default_rng(0).standard_normal(fit.draws.mean.size)
-    factors = np.asarray(Lognormal(1.0, scatter).transform(scores)) if scatter else 1.0
+    factors = np.asarray(Lognormal(1.0, scatter).transform(jnp.asarray(scores))) if scatter else 1.0
     middle = interval_of(fit.draws.mean + fit.draws.trend * float(np.mean(layer.top - points[-1])))
     mean = interval_of(factors * fit.draws.mean)
     young = 500 * mean.value if parameter == "strength" else 2.5 * float(np.median(cones))

@@ -222,8 +222,8 @@ def proposed_layers(soundings: list[Sounding], stresses: Stresses) -> list[Propo
         # The neighbour of the nearer type takes it over, of two that of the nearer index.
         kinds[k] = kinds[min(sides, key=lambda j: (abs(kinds[j] - kinds[k]), abs(own[j] - own[k])))]
         kinds, tops = _merged(kinds, tops)
-    ends = [*tops.tolist(), bottom]
-    return [ProposedLayer(TYPES[kind], *between) for kind, between in zip(kinds, pairwise(ends), strict=True)]
+    levels = [*tops.tolist(), bottom]
+    return [ProposedLayer(TYPES[kind], *between) for kind, between in zip(kinds, pairwise(levels), strict=True)]
 
 
 def _merged(kinds: npt.NDArray[np.intp], tops: Values) -> tuple[npt.NDArray[np.intp], Values]:
