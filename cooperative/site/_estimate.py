@@ -322,6 +322,8 @@ def _values(
             used = thinned(each.z, mask, apart)
             position = assumed.placed(np.full(used.size, each.x), np.full(used.size, each.y))
             parts.append((np.concatenate([position, each.z[None, used]]), value[used], corrected_cone(each)[used]))
+    # A sounding that does not reach the layer has no axes to tell a section from 3D.
+    parts = [part for part in parts if part[1].size] or parts[:1]
     return tuple(np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))  # type: ignore[return-value]
 
 

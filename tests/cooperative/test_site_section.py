@@ -142,3 +142,17 @@ def test_the_water_table_of_each_sounding_is_named(tmp_path):
     path.write_text("\n".join(rows))
     (layer,) = estimate_site([path], Assumed(n_kt=(14.0, 0.0), water=4.0), boundaries=[]).layers
     assert "unit weight 18 kN/m3, water 2.5 m below the surface at s0; 4 m below the surface at s1" in layer.remarks
+
+
+def test_a_sounding_that_does_not_reach_a_layer_in_3d_leaves_it_to_the_others(tmp_path):
+    path = _soundings(tmp_path / "cpt.csv")
+    text = path.read_text().splitlines()
+    deep = [
+        f"{line},{7 if line.startswith('s0') else 9}"
+        for line in text[1:]
+        if "s0" in line or float(line.split(",")[3]) < 5
+    ]
+    path.write_text("\n".join([f"{text[0]},y [m]", *deep]))
+    upper, lower = estimate_site([path], Assumed(n_kt=(14.0, 0.0)), boundaries=[2.0]).layers
+    assert set(upper.points[1]) == {7.0, 9.0}
+    assert set(lower.points[1]) == {7.0}
