@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.stats import t as student
 
 from benchmarks.measure import Report, scene_campaign
 from cooperative import runs
@@ -57,7 +58,7 @@ def row(name: str, estimate: Estimate, runs: int, seconds: float, **more: Any) -
 
 
 def subset(run: Callable[[np.ndarray], np.ndarray], modes: int, limit: float, plan: SubsetPlan) -> tuple[Estimate, int]:
-    """Mean over independent runs of subset simulation, with their scatter."""
+    """Mean over independent runs of subset simulation, with Student's interval of their scatter."""
     drawn = subset_simulation(run, modes, plan)
     parts = (
         np.array(
@@ -69,7 +70,8 @@ def subset(run: Callable[[np.ndarray], np.ndarray], modes: int, limit: float, pl
         * plan.replicates
     )
     mean, error = float(parts.mean()), float(parts.std(ddof=1) / np.sqrt(plan.replicates))
-    reach = (max(mean - 1.96 * error, 0.0), mean + 1.96 * error)
+    half = float(student.ppf(0.975, plan.replicates - 1)) * error
+    reach = (max(mean - half, 0.0), mean + half)
     return Estimate(
         mean, reach, error / mean if mean else float("inf"), drawn.rough_runs, "subset simulation"
     ), drawn.rough_runs
