@@ -26,6 +26,13 @@ refined runs (`target_cov_runs_q25_*`, `_q50_*`, `_q75_*`). With 750 samples, P_
 and 0.25 the normal link stands beside a Clayton and a Gumbel copula of rank correlation 0.85 and failures at both ends:
 `target_cov_rmse_over_claimed_max` and `target_cov_bias_max` are over all but the last.
 
+Slopes that all stand, nearly all, or all fail, have P_f 0, 1e-6, 1e-4 and 1, with 60, 200 and 750 samples of which a
+campaign's usual number runs refined, and with good ranks and ranks that go against the truth:
+`coverage_without_failures_min` is the least coverage of the interval. Where no refined run fails, or all do, what the
+interval leaves open stands over the one-sided binomial limit of as many refined runs,
+`upper_without_failures_over_binomial_max`. No interval that holds whatever the ranks are worth can be narrower than
+that (`cooperative.estimate._alike`); the limit of all N samples is a fifth of it.
+
 Means of consequences over the failures, from the audit or from a part of its failures that slid on, have intervals of
 their own (`coverage_mean_min`, `coverage_mean_max`; `benchmarks.statistics.estimators_means`).
 
@@ -49,6 +56,7 @@ from benchmarks.measure import ROOT, Report, stored_row
 from benchmarks.statistics import estimators_means as means
 from benchmarks.statistics import estimators_section as section
 from benchmarks.statistics.estimators_campaigns import Case, repeat
+from cooperative.estimate import TwoPhase, exact_limit
 from cooperative.runs import cores_to_use, process_pool
 
 ROUGH_COST = 1 / 30
@@ -167,6 +175,40 @@ def link_values(rows: list[dict[str, Any]]) -> dict[str, float]:
     }
 
 
+def alike_cases() -> list[Case]:
+    """Campaigns of which the refined runs all end alike, or nearly all, with the budget that is usual."""
+    return [
+        Case("two-phase", pf, correlation, samples, TwoPhase().budget(samples))
+        for pf in (0.0, 1e-6, 1e-4, 1.0)
+        for samples in (60, 200, 750)
+        for correlation in (0.95, -0.9)
+    ]
+
+
+def alike_row(case: Case, rows: np.ndarray) -> dict[str, Any]:
+    """Coverage, and what is left open where all refined runs ended alike, over the binomial limit of as many."""
+    probability, low, high, refined_runs = rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 5]
+    alike = (probability == 0) | (probability == 1)
+    width = (high - low)[alike] / np.array([exact_limit(runs) for runs in refined_runs[alike]])
+    return {
+        "method": f"{case.method}, {case.samples} samples",
+        "pf": case.pf,
+        "correlation": case.correlation,
+        "refined_runs": float(refined_runs.mean()),
+        "coverage": float(np.mean((low <= case.pf) & (case.pf <= high))),
+        "alike": float(alike.mean()),
+        "open_over_binomial": float(width.max(initial=0.0)),
+    }
+
+
+def alike_values(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """The least coverage, and the widest interval without a failure, or without a run that stands."""
+    return {
+        "coverage_without_failures_min": min(row["coverage"] for row in rows),
+        "upper_without_failures_over_binomial_max": max(row["open_over_binomial"] for row in rows),
+    }
+
+
 def runs_for_cov(rows: list[dict[str, Any]], target: float) -> float:
     """Refined runs at which the measured error meets `target`, from a fit of rmse^2 = a + b / refined runs."""
     runs = np.array([row["refined_runs"] for row in rows])
@@ -208,7 +250,7 @@ def run(quick: bool = False) -> Report:
     repetitions, fewer = (40, 40) if quick else (2000, 500)
     study, ranking = cases(), ranking_cases()
     budgets = [Case("two-phase", 0.244, 0.95, 750, runs) for runs in (52, 64, 90)]
-    to_target, linked = target_cases(), link_cases()
+    to_target, linked, same = target_cases(), link_cases(), alike_cases()
     todo = sorted([*study, *budgets, *ranking, *to_target], key=lambda case: -case.samples)
     if quick:
         todo = [case for case in todo if case.samples <= 5000]
@@ -217,10 +259,12 @@ def run(quick: bool = False) -> Report:
     # The shortest campaigns scatter most.
     shortest = [case for case in linked if (case.pf, case.target_cov) == (0.244, 0.25)]
     asked += [(repeat, case, repetitions if case in shortest else fewer) for case in linked]
+    asked += [(repeat, case, fewer) for case in same]
     asked += [(means.repeat, case, fewer) for case in means.CASES]
     asked += [(section.repeat, case, repetitions) for case in on_section]
     answer = {(what, case): rows for (what, case, _), rows in zip(asked, measured(asked, quick), strict=True)}
     table = {case: summarise(case, answer[repeat, case]) for case in [*todo, *linked]}
+    alike = [alike_row(case, answer[repeat, case]) for case in same]
     of_failures = [means.summarise(case, answer[means.repeat, case]) for case in means.CASES]
     population = [section.summarise(*case, answer[section.repeat, case]) for case in on_section]
     ours = [
@@ -242,7 +286,8 @@ def run(quick: bool = False) -> Report:
         "link_repetitions": fewer,
         "mean_repetitions": fewer,
         **link_values([table[case] for case in [*to_target, *linked]]),
+        **alike_values(alike),
         **means.values(of_failures),
         **section.values(population),
     }
-    return Report(values, [*table.values(), *of_failures, *population], partial(section.draw, population))
+    return Report(values, [*table.values(), *alike, *of_failures, *population], partial(section.draw, population))

@@ -14,6 +14,8 @@ from cooperative.estimate import AuditPlan, SubsetPlan, TwoPhase, subset_simulat
 
 # As on the published section, the rough grid fails at a higher response: half as often.
 ROUGH_FAILS = 0.5
+NEVER = 1e-7
+"""P_f of the rough grid, over `ROUGH_FAILS`, where that of the refined one is 0."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,8 @@ def draw(case: Case, generator: np.random.Generator) -> tuple[np.ndarray, np.nda
     if case.contaminated:
         lost = generator.random(case.samples) < case.contaminated
         rough = np.where(lost, generator.standard_normal(case.samples), rough)
-    return np.exp(rough - norm.isf(ROUGH_FAILS * case.pf)), failed
+    # The rough grid ranks soil that never fails, too.
+    return np.exp(rough - norm.isf(ROUGH_FAILS * max(case.pf, NEVER))), failed
 
 
 def _two_phase(case: Case, displacement: np.ndarray, failed: np.ndarray, seed: int, k_t: int | None) -> Estimate:

@@ -179,7 +179,13 @@ class Campaign(Table):
         otherwise='a fifth of the samples, at least 20; with `target_cov`, and of `"monte carlo"`, all samples',
     )  # fmt: skip
     target_cov: Annotated[float, Within(Limit(above=0, below=1))] | None = key(
-        "Coefficient of variation of the estimate at which to stop.", 0.2, None, otherwise="none"
+        "Coefficient of variation of the estimate at which to stop, by the scatter that the runs show. Where failures "
+        'hide among low ranks the true one is up to 1.4 times it, and with `"control variate"` or `"monte carlo"` the '
+        "estimate is too high by about its square, see "
+        "[when it stops](report.md#what-the-controller-does-and-when-it-stops).",
+        0.2,
+        None,
+        otherwise="none",
     )
     levels: Annotated[int, Ge(1)] | None = key(
         "Levels of subset simulation above plain sampling.", 6, None, otherwise=f"`{SubsetPlan.levels}`"

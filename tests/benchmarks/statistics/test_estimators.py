@@ -106,3 +106,19 @@ def test_a_benchmark_that_was_stopped_goes_on_from_its_pieces(tmp_path, monkeypa
     (again,) = estimators.measured([(estimators.repeat, case, 4)], quick=True)
     np.testing.assert_array_equal(again, first)
     assert asked == [True, True, False, False]
+
+
+def test_campaigns_whose_runs_all_end_alike_are_covered_and_judged_by_the_binomial_limit():
+    cases = estimators.alike_cases()
+    assert {(case.pf, case.samples) for case in cases} == {
+        (pf, samples) for pf in (0.0, 1e-6, 1e-4, 1.0) for samples in (60, 200, 750)
+    }
+    rows = [estimators.alike_row(case, estimators.repeat(case, 0, 4)) for case in cases if case.samples == 60]
+    values = estimators.alike_values(rows)
+    assert values["coverage_without_failures_min"] == 1
+    assert 1 <= values["upper_without_failures_over_binomial_max"] <= 1.5
+    # Coverage and width are of the interval itself.
+    case = estimators.Case("two-phase", 1e-4, 0.95, 60, 20)
+    row = estimators.alike_row(case, np.array([[0, 0, 0.2, 0, 0, 20, 0, 0], [0.1, 0.01, 0.3, 0, 0, 20, 0, 0]]))
+    assert (row["coverage"], row["alike"]) == (0.5, 0.5)
+    assert row["open_over_binomial"] == pytest.approx(0.2 / (1 - 0.05 ** (1 / 20)))
