@@ -45,7 +45,7 @@ NEVER = 1e-12
 
 def even_chance(waves: Sequence[Wave]) -> np.ndarray:
     """Least probability with which each draw meets one given unknown sample, given those before (draws,)."""
-    chance = [np.zeros(0)]
+    chance: list[np.ndarray] = [np.zeros(0)]
     for wave in waves:
         unknown = int((wave.chance > 0).sum())
         chance.append(wave.even / (unknown - wave.even * np.arange(wave.ranks.size)))

@@ -92,13 +92,16 @@ def with_variance(
     # Ten weights of 0.1 add up to 1 - 1e-16.
     share = 1.0 if probability > 1 - 1e-12 else max(probability, 0.0)
     cov = float(np.sqrt(variance) / share) if share > 0 else float("inf")
+    among = independent
     if variance > 0:
         # At 0 or 1 one standard error away stands for P_f in the binomial variance.
         typical = share if 0 < share < 1 else min(float(np.sqrt(variance)), 0.5)
         independent = min(typical * (1 - typical) / variance, independent)
     interval, sampling = (share, share), None
     if np.isfinite(independent):
-        interval = count_interval(share * independent, independent, level, freedom=freedom, failed=failed, stand=stand)
+        interval = count_interval(
+            share * independent, independent, level, freedom=freedom, failed=failed, stand=stand, among=among
+        )
     if unseen is not None:
         sampling, (low, high) = interval, interval
         interval = (low, min(share + float(np.hypot(high - share, unseen)), 1.0))
@@ -193,6 +196,7 @@ def count_interval(
     freedom: float = np.inf,
     failed: float = np.inf,
     stand: float = np.inf,
+    among: float = np.inf,
 ) -> tuple[float, float]:
     """Wilson's interval, with exact limits where few samples, or none, fail or stand.
 
@@ -207,9 +211,11 @@ def count_interval(
         freedom: as in `wilson_interval`.
         failed: runs that were seen to fail, where failures and samples are effective numbers.
         stand: runs that were seen to stand.
+        among: samples that these runs are of. So many failures among them bound P_f from below, however they were met.
     """
     low, high = wilson_interval(failures, samples, level, freedom=freedom)
-    share, failed, stand = failures / samples, min(failed, failures), min(stand, samples - failures)
+    share, seen = failures / samples, (failed, stand)
+    failed, stand = min(failed, failures), min(stand, samples - failures)
     if share == 0:
         return 0.0, exact_limit(samples, level)
     if share == 1:
@@ -219,6 +225,11 @@ def count_interval(
         low = min(low, float(beta.ppf(tail, failed, failed / share - failed + 1)))
     if stand < RARE:
         high = max(high, float(beta.isf(tail, stand / (1 - share) - stand + 1, stand)))
+    # The seen ones are failures for certain, whatever the estimate makes of their weights.
+    if seen[0] < RARE and among < np.inf:
+        low = min(max(low, float(beta.ppf(tail, seen[0], among - seen[0] + 1))), share)
+    if seen[1] < RARE and among < np.inf:
+        high = max(min(high, float(beta.isf(tail, among - seen[1] + 1, seen[1]))), share)
     return low, high
 
 

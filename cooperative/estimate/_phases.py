@@ -173,12 +173,13 @@ class Phases:
     @property
     def _rough_alone(self) -> Estimate:
         known = {n: answer for n, result in self.rough.items() if (answer := self.answer(*result)) is not None}
-        method, notes = "rough grid alone", ["screening is not complete: the share that fails on the rough grid alone"]
+        method, notes = "rough grid alone", []
         if lost := len(self.rough) - len(known):
             notes.append(f"{lost} rough runs gave no answer and are left out")
         weight = np.array([self.zones[n].weight if self.zones else 1.0 for n in known])
         fails = np.array(list(known.values()), bool)
         share = float(weight[fails].sum() / weight.sum()) if known else 0.0
+        notes.insert(0, f"screening is not complete: {share:.3g} of the samples so far fail on the rough grid")
         # No number of rough runs shows what the refined grid makes of them.
         return Estimate(share, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
 

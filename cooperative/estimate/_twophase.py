@@ -316,8 +316,8 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
     """The estimate by its scatter, or by the limit of runs that all ended alike."""
     estimate, alike = _scattered(population, replay, plan, level), replay.alike
     if replay.waiting and estimate.refined_runs:
-        left = replay.missing.size
-        note = f"{replay.waiting} further refined runs are back and count once the other {left} of their wave are"
+        whole = replay.waiting + replay.missing.size
+        note = f"{replay.waiting} of {whole} runs of the wave under way are back; they count once all are"
         estimate = replace(estimate, notes=(*estimate.notes, note))
     if np.isnan(estimate.audit_variance) or alike is None or (alike and not plan.proving):
         return estimate

@@ -70,7 +70,7 @@ def probability(estimate: Estimate) -> str:
     """A probability of failure in words, with its interval, or one limit where all runs ended alike."""
     chance, (low, high), sure = number(estimate.probability), estimate.interval, f"{estimate.level:.0%}"
     if unknown(estimate.interval):
-        return f"not known yet  ({chance} by {estimate.method}, without a refined run that counts)"
+        return f"not known yet  ({estimate.method}; no refined run counts so far)"
     if estimate.probability == 0:
         return f"0, at most {number(high)}  ({sure} confidence; {estimate.method})"
     if estimate.probability == 1:
@@ -81,16 +81,13 @@ def probability(estimate: Estimate) -> str:
 def verdict(estimate: Estimate) -> tuple[str, str, str]:
     """The answer in a sentence: what stands before its number, the number, and what stands behind it."""
     chance, (low, high), sure = estimate.probability, estimate.interval, f"{estimate.level:.0%}"
+    fails = "refined run has failed: the slope fails with a probability of at"
     if unknown(estimate.interval):
-        return (
-            "How likely the slope fails is not known yet: no refined run counts so far. Without one,",
-            number(chance),
-            f"is the share that fails by {estimate.method}.",
-        )
+        return "How likely the slope fails is", "not known yet", "(no refined run counts so far)."
     if chance == 0:
-        return "No refined run has failed: the slope fails with a probability of at most", number(high), f"({sure})."
+        return f"No {fails} most", number(high), f"({sure} confidence)."
     if chance == 1:
-        return "Every refined run has failed: the slope fails with a probability of at least", number(low), f"({sure})."
+        return f"Every {fails} least", number(low), f"({sure} confidence)."
     counted = f"({sure} interval {number(low)} to {number(high)}){in_slopes(chance)}."
     return "The slope fails with probability", number(chance), counted
 
@@ -219,10 +216,10 @@ def more(summary: Summary) -> str:
     """What further refined runs would bring; empty where the runs do not show it."""
     after, now = summary.after_more_runs, summary.coefficient_of_variation
     runs, left, then = after.runs, after.samples_left, after.coefficient_of_variation
-    if not summary.probability_of_failure and summary.estimate_runs and left and runs:
+    if not summary.probability_of_failure and summary.unseen and summary.estimate_runs and left and runs:
         # The limit of n runs without a failure is in proportion to 1 / n.
         least = summary.interval[1] * summary.estimate_runs / (summary.refined_runs + runs)
-        return f"Another {runs} refined runs without a failure would lower the upper limit to about {least:.2g}."
+        return f"{another(runs)} without a failure would lower the upper limit to about {least:.2g}."
     if now is None or then is None or (left and not runs):
         return ""
     # Where all fail the coefficient is 0 but for rounding, and no measure of what is known.
@@ -233,10 +230,15 @@ def more(summary: Summary) -> str:
         return f"All {which} are refined: only more {which} would {what}."
     if not uncertain:
         return ""
-    first = f"Another {runs} refined runs would reduce the coefficient of variation from {now:.1%} to {then:.1%}"
+    first = f"{another(runs)} would reduce the coefficient of variation from {now:.1%} to {then:.1%}"
     if runs == left:
         return f"{first}. All samples are then refined, and only more samples help further."
     return f"{first}; all {left} samples that are left, to {after.all_samples:.1%}."
+
+
+def another(runs: int) -> str:
+    """So many further refined runs."""
+    return f"Another {runs} refined runs" if runs > 1 else "Another refined run"
 
 
 def agreement(summary: Summary) -> str:

@@ -61,7 +61,8 @@ def test_status_while_screening(tmp_path, capsys):
     assert main(["status", str(folder)]) == 0
     printed = capsys.readouterr().out
     assert "8 of 20 samples, 1,800 per hour, 24 s left" in printed
-    assert "not known yet  (0.25 by rough grid alone, without a refined run that counts)" in printed
+    assert "not known yet  (rough grid alone; no refined run counts so far)" in printed
+    assert "screening is not complete: 0.25 of the samples so far fail on the rough grid" in printed
 
 
 @pytest.mark.parametrize("scene", [TWO_PHASE, PUBLISHED], ids=["two-phase", "published"])

@@ -275,6 +275,15 @@ def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
     begun = summarise(campaign, rough, refined(phases_of(campaign, rough, refined([])).next_runs(1, ())))
     more = begun.after_more_runs
     assert more.runs == 30 - begun.refined_runs < more.samples_left == 80 - begun.refined_runs
+    # With 59 of 60 runs the last wave waits: its runs count once it is whole, and the forecast counts them all.
+    wait, wanted = campaign_with(samples=80, refined_runs=60), []
+    while (asked := phases_of(wait, rough, refined(wanted)).next_runs(1, ())) and len(wanted) < 59:
+        wanted += asked[:1]
+    last = summarise(wait, rough, refined(wanted))
+    assert (last.refined_runs, last.after_more_runs.runs) == (59, 1)
+    assert last.estimate_runs < 59
+    assert last.after_more_runs.coefficient_of_variation < 0.99 * last.coefficient_of_variation
+    assert any("runs of the wave under way are back" in note for note in last.notes)
     # The published rule takes no more.
     ended = play(campaign_with(samples=80, estimator="published", k_t=9), rough, refined)
     assert (ended.after_more_runs.coefficient_of_variation, words.more(ended)) == (None, "")

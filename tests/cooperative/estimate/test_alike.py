@@ -142,7 +142,7 @@ def test_a_target_is_not_met_without_a_failure():
 def test_a_wave_under_way_is_named():
     population, answers, plan = campaign(60, 60, True)
     late = {sample: fails for sample, fails in answers.items() if sample != 7}
-    assert "further refined runs are back and count once the other 1 of their wave are" in " ".join(
+    assert "runs of the wave under way are back; they count once all are" in " ".join(
         two_phase(population, late, plan).notes
     )
-    assert not any("further" in note for note in two_phase(population, answers, plan).notes)
+    assert not any("under way" in note for note in two_phase(population, answers, plan).notes)

@@ -63,6 +63,9 @@ def test_few_failures_seen_leave_as_much_open_as_so_many_counted():
     steady = with_variance("two-phase", 0.2, 0.2 * 0.8 / 1250, 60, failed=2, stand=58)
     assert steady.interval[0] == pytest.approx(binomtest(2, 10).proportion_ci(method="exact").low)
     assert with_variance("two-phase", 0.2, 0.2 * 0.8 / 1250, 60).interval[0] == wilson_interval(250, 1250)[0]
+    # A failure that weighs next to nothing is one of so many samples all the same.
+    light = with_variance("two-phase", 0.03, 0.01, 60, failed=1, stand=59, independent=100)
+    assert light.interval[0] == pytest.approx(binomtest(1, 100).proportion_ci(method="exact").low)
 
 
 def test_published_counts_down_to_the_stopping_rank():

@@ -320,12 +320,12 @@ def _estimate(chance, interval, runs=20):
 @pytest.mark.parametrize(
     ("estimate", "terminal", "page"),
     [
-        (_estimate(0.465, (0.0, 1.0), 0), "not known yet  (0.465 by two-phase, without a refined run that counts)",
-         "not known yet: no refined run counts so far. Without one, 0.465 is the share that fails by two-phase."),
+        (_estimate(0.465, (0.0, 1.0), 0), "not known yet  (two-phase; no refined run counts so far)",
+         "How likely the slope fails is not known yet (no refined run counts so far)."),
         (_estimate(0.0, (0.0, 0.171)), "0, at most 0.171  (95% confidence; two-phase)",
-         "No refined run has failed: the slope fails with a probability of at most 0.171 (95%)."),
+         "No refined run has failed: the slope fails with a probability of at most 0.171 (95% confidence)."),
         (_estimate(1.0, (0.829, 1.0)), "1, at least 0.829  (95% confidence; two-phase)",
-         "Every refined run has failed: the slope fails with a probability of at least 0.829 (95%)."),
+         "Every refined run has failed: the slope fails with a probability of at least 0.829 (95% confidence)."),
         (_estimate(3.57e-6, (1.23456e-6, 1e-5)), "3.57e-06  (95% interval 1.23e-06 to 1e-05; two-phase)",
          "(95% interval 1.23e-06 to 1e-05): one in 280,000 such slopes."),
         (_estimate(0.24449, (0.0, 0.5)), "0.244  (95% interval 0 to 0.5; two-phase)", ": 24 in 100 such slopes."),
