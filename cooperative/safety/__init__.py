@@ -3,11 +3,12 @@
 from cooperative.safety._factor import Safety, factor_of_safety
 from cooperative.safety._pictures import draw_safety, write_safety
 from cooperative.safety._search import Critical, critical_surface
-from cooperative.safety._slices import Circle, Slices, Slip, inputs, module, zones
+from cooperative.safety._slices import Circle, Conditions, Slices, Slip, zones
 from cooperative.safety._words import lines_of_equilibrium, lines_of_solver, progress_line
 
 __all__ = [
     "Circle",
+    "Conditions",
     "Critical",
     "Safety",
     "Slices",
@@ -15,10 +16,8 @@ __all__ = [
     "critical_surface",
     "draw_safety",
     "factor_of_safety",
-    "inputs",
     "lines_of_equilibrium",
     "lines_of_solver",
-    "module",
     "progress_line",
     "write_safety",
     "zones",

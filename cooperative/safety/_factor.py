@@ -27,6 +27,8 @@ BESIDE = 0.02
 """How far above the factor of the limit load the slope is drawn, over that factor."""
 CELLS_HIGH = 16
 """Cells over the height of a slope from which on its size changes a factor of safety little."""
+UNIFORM = 1e-6
+"""Share by which strength of a layer that does not vary differs by rounding."""
 NEIGHBOURS = 4
 """Particles from which strength between them is interpolated."""
 
@@ -45,6 +47,7 @@ class Safety:
         layers: of the section.
         water: points (n, 2) m of the water table of the section, None without.
         equilibrium: by limit equilibrium.
+        frictional: whether soil of the section has friction; in clay alone Bishop's moments are exact on circles.
         seconds: that limit equilibrium took.
         solver: by the limit load.
         failing: scene and state of the slope, just beyond its limit load.
@@ -61,6 +64,7 @@ class Safety:
     layers: tuple[Layer, ...] = ()
     water: np.ndarray | None = None
     equilibrium: Critical | None = None
+    frictional: bool = True
     seconds: float = 0.0
     solver: FactorOfSafety | None = None
     failing: tuple[Scene, State] | None = None
@@ -88,9 +92,9 @@ def factor_of_safety(
     progress: Progress | None = None,
     announce: Callable[[Safety], None] | None = None,
 ) -> Safety:
-    """The factor of safety of a campaign's slope by Spencer's method and by the solver's limit load.
+    """The factor of safety of a campaign's slope by slices and by the solver's limit load.
 
-    Both have the same soil, water and earthquake. Limit equilibrium applies to sections and needs xslope.
+    Both have the same soil, water and earthquake. Limit equilibrium applies to sections.
 
     Args:
         campaign: the campaign.
@@ -150,10 +154,8 @@ def _raised(campaign: Campaign, by: float) -> Site:
 def _section(campaign: Campaign) -> Section:
     """The ground of a campaign as a section; ValueError for ground that is none."""
     shape = as_section(campaign.site.shape)
-    if shape is not None and shape.bedrock is None:
-        return shape
     if shape is not None:
-        raise ValueError("limit equilibrium is for a level base, not for bedrock: the solver's limit load stands alone")
+        return shape
     kind = "ground in 3D" if campaign.dimension == 3 else f"a {campaign.site.shape.__class__.__name__} of one's own"
     raise ValueError(f"limit equilibrium is for sections, not for {kind}: the solver's limit load stands alone")
 
@@ -176,7 +178,8 @@ def _by_slices(result: Safety, model: GridModel, coefficients: np.ndarray | None
         critical = critical_surface(slices)
     except ValueError as error:
         return replace(result, notes=(str(error),))
-    return replace(result, equilibrium=critical, seconds=time.perf_counter() - start)
+    seconds = time.perf_counter() - start
+    return replace(result, equilibrium=critical, frictional=slices.frictional, seconds=seconds)
 
 
 def _with_soil(model: GridModel, coefficients: np.ndarray | None) -> Scene:
@@ -207,19 +210,49 @@ def _strength(model: GridModel, scene: Scene) -> Strength:
     friction = np.where(np.isnan(undrained), friction, 0.0)
     position = np.asarray(scene.particles.position, float).T
     number = np.zeros(count, int) if model.layer is None else model.layer
-    trees = {layer: (cKDTree(position[number == layer]), number == layer) for layer in np.unique(number).tolist()}
+    spacing = np.array(model.campaign.grids[model.grid].spacing)[[0, -1]]
+    fields = {
+        layer: _interpolated(position[number == layer], np.stack([cohesion, friction])[:, number == layer], spacing)
+        for layer in np.unique(number).tolist()
+    }
 
     def at(x: np.ndarray, z: np.ndarray, layer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values = np.full((2, x.size), np.nan)  # in a layer too thin for particles
-        for each in trees.keys() & set(layer.tolist()):
-            tree, own = trees[each]
+        for each, strength in fields.items():
             here = layer == each
-            neighbours = min(NEIGHBOURS, tree.n)
-            distance, nearest = tree.query(np.stack([x, z], axis=1)[here], k=[*range(1, neighbours + 1)])
-            weight = 1 / np.maximum(distance, 1e-9) ** 2
-            weight /= weight.sum(axis=1, keepdims=True)
-            values[:, here] = [(quantity[own][nearest] * weight).sum(axis=1) for quantity in (cohesion, friction)]
+            if here.any():
+                values[:, here] = strength(x[here], z[here])
         return values[0], values[1]
+
+    return at
+
+
+def _interpolated(
+    position: np.ndarray, values: np.ndarray, spacing: np.ndarray
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Values (k, n) at points x, z (n,) m from those (k, particles) of particles at positions (particles, 2) m.
+
+    They are bilinear between points spacing (2,) m apart, which have the mean of their nearest particles. Those of a
+    lattice coincide with them.
+    """
+    if np.ptp(values, axis=1).max() <= UNIFORM * np.abs(values).max():
+        return lambda x, z: np.broadcast_to(values[:, :1], (len(values), x.size))
+    corner = position.min(axis=0)
+    shape = np.maximum(np.rint(np.ptp(position, axis=0) / spacing).astype(int) + 1, 2)
+    points = corner + np.indices(shape).reshape(2, -1).T * spacing
+    neighbours = min(NEIGHBOURS, len(position))
+    distance, nearest = cKDTree(position).query(points, k=[*range(1, neighbours + 1)])
+    weight = 1 / np.maximum(distance, 1e-9) ** 2
+    known = ((values[:, nearest] * weight).sum(axis=2) / weight.sum(axis=1)).reshape(-1, *shape)
+
+    def at(x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        place = np.clip((np.stack([x, z]) - corner[:, None]) / spacing[:, None], 0, (shape - 1)[:, None])
+        i, j = low = np.minimum(place.astype(int), (shape - 2)[:, None])
+        s, t = place - low
+        return (
+            known[:, i, j] * (1 - s) * (1 - t) + known[:, i + 1, j] * s * (1 - t)
+            + known[:, i, j + 1] * (1 - s) * t + known[:, i + 1, j + 1] * s * t
+        )  # fmt: skip
 
     return at
 

@@ -54,10 +54,11 @@ def _content(result: Safety, campaign: Campaign) -> dict[str, object]:
     }  # fmt: skip
     if result.equilibrium is not None:
         slip, circle = result.equilibrium.slip, result.equilibrium.circle
-        assert circle.circle is not None
         content["limit_equilibrium"] = {
-            "factor": slip.factor, "surface": slip.points.tolist(), "thickness": slip.thickness,
-            "circle_factor": circle.factor, "circle": {key: float(each) for key, each in vars(circle.circle).items()},
+            "factor": slip.factor, "method": slip.method, "surface": slip.points.tolist(), "thickness": slip.thickness,
+            "circle_factor": None if circle is None else circle.factor,
+            "circle_method": None if circle is None else circle.method,
+            "circle": None if circle is None or circle.circle is None else vars(circle.circle),
             "surfaces": result.equilibrium.surfaces, "seconds": round(result.seconds, 2),
         }  # fmt: skip
     if result.solver is not None:
@@ -101,8 +102,9 @@ def _surfaces(ax: Axes, result: Safety, campaign: Campaign, title: str) -> None:
     if result.water is not None:
         ax.plot(*result.water.T, color=WATER, lw=1.2, label="water table")
     slip, circle = result.equilibrium.slip, result.equilibrium.circle
-    ax.plot(*circle.points.T, color=CIRCLE, lw=1.6, ls="--" if slip is not circle else "-",
-            label=f"critical circle, {circle.factor:.3f}")  # fmt: skip
+    if circle is not None:
+        ax.plot(*circle.points.T, color=CIRCLE, lw=1.6, ls="--" if slip is not circle else "-",
+                label=f"critical circle, {circle.factor:.3f}")  # fmt: skip
     if slip is not circle:
         ax.plot(*slip.points.T, color=SURFACE, lw=2, label=f"critical surface, {slip.factor:.3f}")
     ax.autoscale_view()

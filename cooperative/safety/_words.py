@@ -6,6 +6,13 @@ from collections.abc import Iterator, Sequence
 
 from cooperative.safety._factor import Safety
 
+METHODS = {
+    "spencer": "Spencer's method",
+    "bishop": "Bishop's simplified method",
+    "janbu": "Janbu's simplified method with his correction",
+}
+"""Methods of slices in words."""
+
 
 def lines_of_equilibrium(name: str, result: Safety) -> Iterator[str]:
     """What limit equilibrium gives, before the solver begins.
@@ -19,14 +26,18 @@ def lines_of_equilibrium(name: str, result: Safety) -> Iterator[str]:
         yield f"  limit equilibrium  none: {result.notes[0]}"
         return
     slip, circle = result.equilibrium.slip, result.equilibrium.circle
-    shape = (
-        "the critical circle" if slip.circle else f"a surface of another shape (critical circle {circle.factor:.3f})"
-    )
+    if slip.circle:
+        shape = "the critical circle"
+    else:
+        beside = "no circle has a factor" if circle is None else f"critical circle {circle.factor:.3f}"
+        shape = f"a surface of another shape ({beside})"
     (x0, _), (x1, _) = slip.points[[0, -1]]
     yield (
-        f"  limit equilibrium  {slip.factor:.3f}  Spencer's method, {shape}, from x = {x0:.3g} to {x1:.3g} m, "
+        f"  limit equilibrium  {slip.factor:.3f}  {METHODS[slip.method]}, {shape}, from x = {x0:.3g} to {x1:.3g} m, "
         f"{slip.thickness:.3g} m deep; {result.seconds:.1f} s"
     )
+    if slip.method != "spencer" and result.frictional:
+        yield f"    Spencer's method has no admissible answer on this surface: {METHODS[slip.method]} stands in for it"
 
 
 def lines_of_solver(result: Safety) -> Iterator[str]:

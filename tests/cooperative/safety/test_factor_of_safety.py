@@ -1,8 +1,7 @@
-"""The factor of safety at once: Spencer's method against published factors, and the command."""
+"""The factor of safety of a scene: slices with the strength of the particles, and the command."""
 
 import json
 import re
-import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,20 +10,14 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import jaxmpm as mpm
-from benchmarks.sites import slopes
-from benchmarks.sites.limit_equilibrium import layers_of
 from cooperative import safety
 from cooperative.__main__ import main
 from cooperative.runs import coefficients_of
-from cooperative.safety import _factor, _pictures, _search
+from cooperative.safety import _factor, _pictures
 from cooperative.scene import example, parse
 from jaxmpm.run import FactorOfSafety
 from tests.scenes import model_of, tables
 
-pytest.importorskip("xslope.slice")
-
-BY_SPENCER = {"ACADS 1a": 0.984, "ACADS 3a": 1.252, "Published section": 1.142}
-"""Published factors by Spencer's method, of slip circles in clay; 3a is 1.246 to 1.258."""
 CUT = f"""
 name = "cut in two clays"
 [ground]
@@ -60,14 +53,6 @@ poisson = 0.25
 {tables(run="")}"""
 
 
-@pytest.mark.parametrize("name", BY_SPENCER)
-def test_critical_surfaces_have_the_published_factor(name):
-    [case] = [case for case in slopes.cases() if case.name == name]
-    answer = safety.critical_surface(safety.Slices.of(case.shape, layers_of(case), **case.loads))
-    assert abs(answer.slip.factor / BY_SPENCER[name] - 1) < 0.01
-    assert answer.slip.factor <= answer.circle.factor
-
-
 def test_slices_have_the_strength_of_the_particles():
     model = model_of(CUT, "refined")
     coefficients = coefficients_of(model.campaign, model.soil)[2]
@@ -93,40 +78,6 @@ def test_a_raised_pool_carries_and_an_earthquake_drives(monkeypatch):
     factors = {name: answer.equilibrium.slip.factor for name, answer in answers.items()}
     assert factors["k_h"] < factors["plain"] < min(factors["back"], factors["water"])
     assert answers["water"].loads == ("water +2 m",)
-
-
-@pytest.mark.parametrize("conditions", [{}, {"water": 6.0}, {"r_u": 0.2}, {"k_h": 0.1, "k_v": 0.1}])
-def test_under_other_gravity_all_weights_are_in_proportion(conditions):
-    shape, circle = mpm.Section([(0, 10), (20, 10), (36, 4), (56, 4)]), safety.Circle(30.0, 20.0, 18.0)
-
-    def factor(strength, gravity):
-        layers = [mpm.Layer(mpm.FrictionalSoil(strength * 10e3, 25.0))]
-        slip = safety.Slices.of(shape, layers, **conditions, gravity=gravity * 9.81).slip(circle)
-        assert slip is not None
-        return slip.factor
-
-    assert factor(2.0, 2.0) == pytest.approx(factor(1.0, 1.0), rel=1e-6)
-    assert factor(1.0, 2.0) < 0.95 * factor(1.0, 1.0)
-
-
-def test_steep_clay_has_the_factor_of_its_moments():
-    # Taylor (1937): at 45 degrees over a foundation of a quarter of the height, c / (gamma H F) is 0.17.
-    shape = mpm.Section([(0, 10), (8, 10), (16, 2), (32, 2)])
-    answer = safety.critical_surface(safety.Slices.of(shape, [mpm.Layer(mpm.Soil(20e3, strength=28e3))]))
-    assert answer.slip.factor == pytest.approx(28 / (20 * 8 * 0.17), rel=0.05)
-
-
-@pytest.mark.parametrize("k_h", [0.0, 0.15])
-def test_a_section_that_falls_to_the_left_has_the_factor_of_its_mirror_image(k_h, monkeypatch):
-    monkeypatch.setattr(_search, "ENDS", 8)
-    monkeypatch.setattr(_search, "FAMILIES", 1)
-    surface = [(0, 10), (20, 10), (36, 4), (56, 4)]
-    shapes = mpm.Section(surface), mpm.Section([(56 - x, z) for x, z in reversed(surface)])
-    slices = [safety.Slices.of(shape, [mpm.Layer(mpm.Soil(20e3, strength=25e3))], k_h=k_h) for shape in shapes]
-    right, left = (safety.critical_surface(each).slip for each in slices)
-    assert left.factor == pytest.approx(right.factor, rel=2e-3)
-    mirrored = slices[0].slip(replace(left.circle, x=56 - left.circle.x), slices[0].of_circles)
-    assert mirrored.factor == pytest.approx(left.factor, rel=1e-4)
 
 
 def test_no_surface_enters_rock():
@@ -183,22 +134,6 @@ def state_of(state):
     from jaxmpm.run import Result
 
     return Result(state, 1.0)
-
-
-def test_without_xslope_the_solver_stands_alone_and_the_extra_is_named(tmp_path, monkeypatch, capsys):
-    scene = tmp_path / "demo.toml"
-    scene.write_text(example("demo"))
-    monkeypatch.setitem(sys.modules, "xslope", None)
-    monkeypatch.setattr(
-        _factor, "limit_load_factor", lambda *_, **__: FactorOfSafety(1.19, 1.20, ((1.19, 0.1),), 1.195, 12.0)
-    )
-    monkeypatch.setattr(_factor.jaxmpm, "solve", lambda scene, state, **_: state_of(state))
-    assert main(["fos", str(scene), "--grid", "rough"]) == 0
-    printed = capsys.readouterr().out
-    assert "limit equilibrium  none: limit equilibrium needs xslope: pip install xslope" in printed
-    assert "solver             1.195" in printed
-    assert main(["fos", str(scene), "--quick"]) == 2
-    assert "needs xslope" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
