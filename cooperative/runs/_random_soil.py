@@ -252,7 +252,7 @@ def _random_soil(
     factors = int(any(field.factor_cov > 0 for part in parts for _, field in part[1]))
     first = 2 * len(uncertain) + factors
     return RandomSoil(
-        tuple(groups if len(groups) == 1 and not first else _placed(groups, first)),
+        tuple(groups if len(groups) < 2 and not first else _placed(groups, first)),
         uncertain=uncertain,
         factors=factors,
     )

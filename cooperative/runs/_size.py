@@ -22,7 +22,7 @@ from cooperative.runs._built import build
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._sampling import sampling_of
-from cooperative.scene import TAIL, Campaign, RandomField
+from cooperative.scene import TAIL, Campaign, RandomField, check_samples
 from jaxmpm import Material, Scene, State, Status, advance, block, ground
 from jaxmpm.laws import declared
 from jaxmpm.soil import AnySoil
@@ -153,6 +153,7 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
         ValueError: slope, soil and grids that do not fit together, and for a campaign that would not end or not fit
             into the memory of this machine.
     """
+    check_samples(campaign)
     plan, runs = campaign.plan, _first_runs(campaign)
     if runs > MOST_RUNS:
         first = next(iter(campaign.grids))

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -13,7 +14,15 @@ import jaxmpm
 from cooperative.runs import GridModel, build, coefficients_of, random_soil
 from cooperative.safety._search import Critical, critical_surface
 from cooperative.safety._slices import SHALLOWEST, Slices, Strength
-from cooperative.scene import Campaign, Site, doubts, failing_volume, limit_load_factor
+from cooperative.scene import (
+    Campaign,
+    RandomField,
+    Site,
+    check_seams,
+    doubts,
+    failing_volume,
+    limit_load_factor,
+)
 from foundation import check
 from jaxmpm import Layer, Raster, Scene, Section, State
 from jaxmpm.ground import as_section
@@ -32,6 +41,14 @@ UNIFORM = 1e-6
 NEIGHBOURS = 4
 """Particles from which strength between them is interpolated."""
 
+STRENGTHS = (0, 1)
+"""Places of cohesion and friction in what a `Strength` gives."""
+UNUSED = ("young", "poisson", "softening_modulus", "residual_ratio", "strain_95", "dilation", "tension_cutoff",
+          "residual_cohesion", "residual_friction", "softening_strain")  # fmt: skip
+"""Parameters whose variation limit equilibrium has no use for."""
+
+Water = float | Sequence[Sequence[float]] | None
+"""Level or points of a water table (m), None without."""
 Progress = Callable[[Sequence[float], Sequence[float]], None]
 
 
@@ -122,20 +139,39 @@ def factor_of_safety(
     loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (run.motion is not None)
     if water:
         campaign = replace(campaign, ground=_raised(campaign, water))
-    soil = random_soil(campaign)
     if sample is not None and not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
-    coefficients = None if sample is None else coefficients_of(campaign, soil)[sample]
     size = f"{grid} grid, cells of {campaign.grids[grid].cell:g} m"
     unit = "m3" if campaign.dimension == 3 else "m2"
     result = Safety("median soil" if sample is None else f"soil of sample {sample}", tuple(loads), size, unit=unit)
-    model = build(campaign, grid, soil, at_rest=False)
-    result = _by_slices(result, model, coefficients)
+    model, coefficients = None, None
+    median = _median(campaign) if sample is None else None
+    if median is None:
+        model, coefficients = _built(campaign, grid, sample)
+        median = _of_particles(model, coefficients)
+    result = _by_slices(result, campaign, *median)
     if not solver and result.equilibrium is None:
         raise ValueError(result.notes[0])
     if announce is not None:
         announce(result)
-    return _by_solver(result, model, coefficients, progress) if solver else result
+    if not solver:
+        return result
+    try:
+        check_seams(campaign.site, campaign.grids[grid].cell)
+        if model is None:
+            model, coefficients = _built(campaign, grid, sample)
+    except ValueError as error:
+        if result.equilibrium is None:
+            raise
+        return replace(result, notes=(*result.notes, f"the solver gives no factor of safety: {error}"))
+    return _by_solver(result, model, coefficients, progress)
+
+
+def _built(campaign: Campaign, grid: str, sample: int | None) -> tuple[GridModel, np.ndarray | None]:
+    """A grid, and the coefficients of a sample on it, None for median soil."""
+    soil = random_soil(campaign)
+    coefficients = None if sample is None else coefficients_of(campaign, soil)[sample]
+    return build(campaign, grid, soil, at_rest=False), coefficients
 
 
 def _raised(campaign: Campaign, by: float) -> Site:
@@ -160,26 +196,75 @@ def _section(campaign: Campaign) -> Section:
     raise ValueError(f"limit equilibrium is for sections, not for {kind}: the solver's limit load stands alone")
 
 
-def _by_slices(result: Safety, model: GridModel, coefficients: np.ndarray | None) -> Safety:
-    """The result with the factor by limit equilibrium, or a note why there is none."""
-    start, campaign = time.perf_counter(), model.campaign
-    site = campaign.site
+def _by_slices(
+    result: Safety, campaign: Campaign, layers: Sequence[Layer], water: Water, strength: Strength | None
+) -> Safety:
+    """The result with the factor by limit equilibrium, or a note why there is none.
+
+    layers: with the weight of the soil. water: of its table. strength: at the bases of slices.
+    """
+    start, site = time.perf_counter(), campaign.site
     try:
-        shape, layers = _section(campaign), site.soils(campaign.soil)
-        scene = _with_soil(model, coefficients)
-        table = scene.water
-        water = np.stack([table.x, table.z], axis=1).astype(float) if isinstance(table, WaterTable) else None
+        shape = _section(campaign)
         slices = Slices.of(
-            shape, _weighed(layers, model, scene), water=None if water is None else water.tolist(), r_u=site.r_u,
-            k_h=campaign.run.k_h, k_v=campaign.run.k_v, gravity=campaign.run.gravity, strength=_strength(model, scene),
+            shape, layers, water=water, r_u=site.r_u, k_h=campaign.run.k_h, k_v=campaign.run.k_v,
+            gravity=campaign.run.gravity, strength=strength,
             rock=[number for number, each in enumerate(site.layers) if each.rock],
         )  # fmt: skip
-        result = replace(result, shape=shape, layers=tuple(layers), water=water)
+        result = replace(result, shape=shape, layers=tuple(layers), water=slices.water)
         critical = critical_surface(slices)
     except ValueError as error:
         return replace(result, notes=(str(error),))
     seconds = time.perf_counter() - start
     return replace(result, equilibrium=critical, frictional=slices.frictional, seconds=seconds)
+
+
+def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | None:
+    """Layers, water and strength of a campaign's median soil, which its numbers and trends give without a grid.
+
+    None for soil that only particles have: with measured values, with a strength that goes with the stress, calibrated,
+    or in other ground than a section.
+    """
+    site, random = campaign.site, campaign.random
+    shape = as_section(site.shape)
+    layers = site.soils(campaign.soil)
+    fields = {name: site.values_of(name, field) for name, field in random.items()}
+    if shape is None or site.by_stress(campaign.soil) is not None or campaign.run.strength_factor != 1:
+        return None
+    if not random.keys() <= {"strength", "cohesion", "friction", *UNUSED} or not isinstance(
+        site.water, int | float | tuple | list | None
+    ):
+        return None
+    every = [each for values in fields.values() for each in values if isinstance(each, RandomField)]
+    if any(each.boreholes is not None or each.uncertain for each in every):
+        return None
+    known = {"strength": STRENGTHS[0], "cohesion": STRENGTHS[0], "friction": STRENGTHS[1]}
+    x, heights = shape.boundaries(layers)
+
+    def at(places: np.ndarray, z: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        numbers = np.full((2, places.size), np.nan)
+        for name in known.keys() & fields.keys():
+            for layer, field in enumerate(fields[name]):
+                if not isinstance(field, RandomField) or not hasattr(layers[layer].soil, name):
+                    continue
+                here = number == layer
+                top = field.trend_from
+                if isinstance(top, str):
+                    top = np.interp(places[here], x, heights[layer if top == "layer" else 0])
+                median = float(field.distribution.transform(jnp.zeros(())))
+                numbers[known[name], here] = median * field.grown(np.maximum(top - z[here], 0.0))
+        return numbers[0], numbers[1]
+
+    return layers, site.water, at if known.keys() & fields.keys() else None
+
+
+def _of_particles(model: GridModel, coefficients: np.ndarray | None) -> tuple[list[Layer], Water, Strength]:
+    """Layers, water and strength of a sample, or of median soil, as particles of a grid have it."""
+    scene = _with_soil(model, coefficients)
+    table = scene.water
+    water = np.stack([table.x, table.z], axis=1).astype(float).tolist() if isinstance(table, WaterTable) else None
+    layers = model.campaign.site.soils(model.campaign.soil)
+    return _weighed(layers, model, scene), water, _strength(model, scene)
 
 
 def _with_soil(model: GridModel, coefficients: np.ndarray | None) -> Scene:

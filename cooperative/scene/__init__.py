@@ -1,6 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
+from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_samples
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
 from cooperative.scene._files import Files, to_toml, toml_value
@@ -18,7 +18,7 @@ from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import national_origin
 from cooperative.scene._remarks import remarks
 from cooperative.scene._run import Run
-from cooperative.scene._site import Site, SiteLayer
+from cooperative.scene._site import Site, SiteLayer, check_seams
 from cooperative.scene._stored import (
     campaign_of,
     in_folder,
@@ -65,6 +65,8 @@ __all__ = [
     "campaign_of",
     "campaigns_of",
     "changed",
+    "check_samples",
+    "check_seams",
     "compare_projections",
     "doubts",
     "example",

@@ -25,7 +25,7 @@ from cooperative.measure import ElementAtRisk
 from cooperative.scene import tables
 from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.scene._run import Run
-from cooperative.scene._site import Site, SiteLayer, check_site
+from cooperative.scene._site import Site, SiteLayer, check_seams, check_site
 from cooperative.scene.tables import Budget, Measured
 from cooperative.store import Source
 from jaxmpm import Discretisation, Settle, ground
@@ -264,9 +264,26 @@ def check_grids(campaign: Campaign) -> None:
             raise ValueError(f"[{name}] {error}") from error
 
 
+def check_samples(campaign: Campaign) -> None:
+    """Check what samples of a campaign need, and a factor of safety by slices does not.
+
+    Args:
+        campaign: the campaign.
+
+    Raises:
+        ValueError: nothing varies, or a weak layer is too thin for the cells of the refined grid.
+    """
+    if not campaign.random:
+        raise ValueError(
+            "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
+            "[soil.cohesion] with mean, cov and length"
+        )
+    check_seams(campaign.site, campaign.grids["refined"].cell)
+
+
 def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
-    check_site(campaign.site, campaign.soil, campaign.grids["refined"].cell)
+    check_site(campaign.site, campaign.soil)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
     for argument, table, value in (("run", tables.Run, run), ("plan", tables.Campaign, plan)):
         numbers = {name: each for name, each in vars(value).items() if isinstance(each, int | float)}

@@ -238,11 +238,19 @@ def _at_least_strength(soil: AnySoil) -> AnySoil:
     return replace(soil, strength=soil.strength_minimum, strength_ratio=None, strength_minimum=None)
 
 
-def check_site(site: Site, soil: AnySoil, cell: float) -> None:
+def check_seams(site: Site, cell: float) -> None:
+    """Raise ValueError for a weak layer that is too thin for the cells (m) of the solver's refined grid."""
+    for layer, thickness in zip(site.layers, site.thicknesses, strict=True):
+        asked = thickness.too_thin(cell)
+        if asked is not None and not getattr(layer.layer.soil, "unusual", False):
+            raise ValueError(f"{layer.label} {asked} If that is intended, give its soil unusual = true")
+
+
+def check_site(site: Site, soil: AnySoil) -> None:
     """Raise ValueError for ground and soil that do not go together.
 
     A saturated unit weight in ground without a water table, where no soil would have it; a strength that goes with the
-    effective stress, in ground of which no water is known; a weak layer too thin for the cells (m) of the refined grid.
+    effective stress, in ground of which no water is known.
     """
     for each in site.soils(soil):
         saturated = getattr(each.soil, "saturated_unit_weight", None)
@@ -260,7 +268,3 @@ def check_site(site: Site, soil: AnySoil, cell: float) -> None:
             f"draw the slope as a section, and give water a level, table or depth, or r_u; level = {site.span[0]:g}, "
             "that of the base, is dry soil"
         )
-    for layer, thickness in zip(site.layers, site.thicknesses, strict=True):
-        asked = thickness.too_thin(cell)
-        if asked is not None and not getattr(layer.layer.soil, "unusual", False):
-            raise ValueError(f"{layer.label} {asked} If that is intended, give its soil unusual = true")

@@ -77,11 +77,6 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)
     soil, random = site.representative(whole), site.all_random(through)
     site = on_soil(site, scene.ground or scene.terrain, soil, random)
-    if not random:
-        raise ValueError(
-            "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
-            "[soil.cohesion] with mean, cov and length"
-        )
     check_limit_load(scene.run, scene.limit_load)
     together = scene.cross_correlation
     campaign = Campaign(

@@ -8,7 +8,7 @@ import pytest
 import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED
 from cooperative.__main__ import main
-from cooperative.scene import built, parse
+from cooperative.scene import built, check_samples, parse
 from tests.cooperative.scene.test_random_soil import changed
 
 STRONG, WEAK = mpm.FrictionalSoil(20e3, 20.0), mpm.FrictionalSoil(0.0, 10.0)
@@ -69,9 +69,9 @@ def test_under_a_terrain_layers_are_measured_alike():
 SEAM = changed(LAYERED, ("strength = { mean = 40e3, cov = 0.1 }", "strength = { mean = 10e3, cov = 0.1 }"))
 
 
-def test_a_scene_asks_about_a_seam_too_thin_for_its_refined_grid():
+def test_a_campaign_asks_about_a_seam_too_thin_for_its_refined_grid():
     with pytest.raises(ValueError, match=r"is 1 m thick, 1 cells of 1 m, .* cells of at most 0.5 m.* unusual = true"):
-        parse(SEAM)
+        check_samples(parse(SEAM))
     finer = changed(SEAM, ("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.5\nspacing = [0.25, 0.25]"))
     declared = changed(SEAM, ("[soil]", "[soil]\nunusual = true"))
     for text in (finer, declared):
