@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import jaxmpm
+from cooperative.measure import walls_reached
 from cooperative.runs import GridModel, build, coefficients_of, random_soil
 from cooperative.safety._search import Critical, critical_surface
 from cooperative.safety._slices import SHALLOWEST, Slices, Strength
@@ -24,7 +25,7 @@ from cooperative.scene import (
     limit_load_factor,
 )
 from foundation import check
-from jaxmpm import Layer, Raster, Scene, Section, State
+from jaxmpm import Layer, Raster, Scene, Section, State, diagnostics
 from jaxmpm.ground import as_section
 from jaxmpm.laws import WaterTable, declared
 from jaxmpm.run import FactorOfSafety
@@ -363,9 +364,23 @@ def _by_solver(result: Safety, model: GridModel, coefficients: np.ndarray | None
     moving = jaxmpm.solve(
         beyond, state, t_end=campaign.run.t_end, settle=jaxmpm.Settle(), stop_at=campaign.site.height / 4
     )
-    remarks = tuple(doubts(answer, f"{failing_volume(campaign):g} {result.unit}"))
-    result = replace(result, solver=answer, failing=(beyond, moving.state), doubts=remarks)
+    remarks = [*doubts(answer, f"{failing_volume(campaign):g} {result.unit}"), *_held(model, beyond, moving.state)]
+    result = replace(result, solver=answer, failing=(beyond, moving.state), doubts=tuple(remarks))
     return replace(result, reasons=tuple(_reasons(result, model)))
+
+
+def _held(model: GridModel, scene: Scene, state: State) -> Iterator[str]:
+    """Walls that hold, or let go, what moves just beyond the limit load."""
+    limit = float(diagnostics.exceeded_displacement(scene, state, failing_volume(model.campaign))) / 2
+    if limit == 0:
+        return
+    particles = (np.asarray(each, float) for each in (scene.particles.position, state.displacement))
+    walls = walls_reached(
+        *particles, np.asarray(scene.particles.volume, float), model.walls, half_size=model.half_size,
+        failure_displacement=limit, within=scene.grid.cell, reach=model.reach, polygon=model.campaign.site.fixed_edge,
+    )  # fmt: skip
+    if walls:
+        yield f"what moves reaches {walls}, where no surface of limit equilibrium ends: lengthen the ground there"
 
 
 def _reasons(result: Safety, model: GridModel) -> Iterator[str]:

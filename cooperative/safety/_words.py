@@ -55,7 +55,7 @@ def lines_of_solver(result: Safety) -> Iterator[str]:
         if answer.volume is not None and answer.sharpness is not None:
             yield (
                 f"                            {answer.volume:.3g} {result.unit} "
-                f"moves there, and {answer.sharpness:.2g} times as fast with R as below"
+                f"moves there, and {float(f'{answer.sharpness:.2g}'):g} times as fast with R as below"
             )
     for doubt in result.doubts:
         yield f"    {doubt}"

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from types import SimpleNamespace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -113,6 +114,23 @@ def test_the_command_prints_both_factors_and_why_they_differ(tmp_path, monkeypat
     assert content["solver"]["kink"] == 1.195
     assert 0.05 < content["difference"] < 0.15
     assert (tmp_path / "demo-fos" / "fos.png").stat().st_size > 10_000
+
+
+def test_a_wall_that_what_moves_reaches_is_named():
+    model = model_of(CUT, "rough")
+    scene, state = model.scene, mpm.unstressed(model.scene)
+    x = np.asarray(scene.particles.position[0])
+
+    def held(moves):
+        displacement = np.zeros(state.displacement.shape, np.float32)
+        displacement[0, moves] = 1.0
+        return list(_factor._held(model, scene, replace(state, displacement=jnp.asarray(displacement))))
+
+    assert held((x > 10) & (x < 50)) == []
+    [one], [other] = held(x < 30), held(x > 30)
+    assert "what moves reaches x = 0 m, where no surface of limit equilibrium ends" in one
+    assert "what moves reaches x = 60 m" in other
+    assert held(np.zeros(x.size, bool)) == []
 
 
 def test_the_title_of_a_picture_has_room(monkeypatch, tmp_path):
