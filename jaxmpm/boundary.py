@@ -7,6 +7,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmpm.grid import Grid, Wall
@@ -177,6 +178,23 @@ def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
     if scene.base is None:
         return velocity
     return jnp.where(jnp.any(scene.base.normal != 0, axis=1)[:, None], after, velocity)
+
+
+def on_contact(scene: Scene) -> np.ndarray:
+    """Nodes at which soil slides with friction: those on such walls or beyond them, and those of the base.
+
+    Args:
+        scene: of the nodes.
+
+    Returns:
+        (nodes,) bool.
+    """
+    field = np.zeros(scene.grid.shape, bool)
+    for region, _ in _walls(scene):
+        field[region] = True
+    if scene.base is not None:
+        field |= np.asarray(scene.base.normal).any(axis=1).reshape(scene.grid.shape)
+    return field.ravel()
 
 
 def _walls(scene: Scene) -> Iterator[tuple[Region, Array]]:

@@ -85,8 +85,8 @@ class Scene:
         pic_damping: rate (1/s) at which velocities decay that the grid does not resolve, see `Discretisation`; None
             for none.
         damping: mass-proportional damping (1/s); None for none.
-        wall_friction: friction coefficient of walls with friction.
-        wall_cohesion: cohesion of walls with friction (Pa); None for none.
+        wall_friction: () or (nodes,) friction coefficient of walls with friction and of the base.
+        wall_cohesion: () or (nodes,) cohesion of those (Pa); None for none.
         wall_pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
         wall_softening: (2,) share of their friction and cohesion that slip leaves, and the slip (m) over which they
             fall to it; None for none.

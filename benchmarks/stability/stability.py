@@ -30,6 +30,7 @@ from benchmarks.stability.stability_case import (
 )
 from benchmarks.stability.stability_cfl import KERNELS, cfl_rows
 from benchmarks.stability.stability_flight import flight_rows
+from benchmarks.stability.stability_gap import gap_rows
 from benchmarks.stability.stability_rigid import sliding_rows, spinning_rows
 from cooperative.scene._soil import BAND
 from jaxmpm import diagnostics
@@ -304,6 +305,7 @@ def run(quick: bool) -> Report:
         *shaking_rows(quick),
         *sliding_rows(quick),
         *spinning_rows(quick),
+        *gap_rows(quick),
         *flight_rows(quick),
         *awkward_rows(quick),
         *agreement_rows(quick),

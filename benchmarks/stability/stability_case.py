@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 import jaxmpm as mpm
-from jaxmpm import diagnostics, pytree, tensors
+from jaxmpm import diagnostics, equations, pytree, tensors
 
 Row = dict[str, Any]
 CLOSED = 0.02
@@ -99,20 +99,23 @@ def elastic_density(bulk: Array, shear: Array, stress: Any) -> Array:
 class Energies:
     """Where the energy of a run went (J): what is stored at its end less at its start, what is spent, what came in.
 
-    The work of the ground that bodies rest on is none: walls hold velocities at 0.
+    The work of the ground that bodies rest on is none where walls hold velocities at 0. Its traction across gaps to
+    undrained soil (`jaxmpm.equations.closed`) is friction, which acts on soil that moves.
     """
 
     kinetic: Array
     elastic: Array
     plastic: Array
     damping: Array
+    ground: Array
     gravity: Array
     body_force: Array
 
     @property
     def unaccounted(self) -> Array:
         """Work done less energy found: what the method loses (above 0) or makes (below)."""
-        return self.gravity + self.body_force - self.kinetic - self.elastic - self.plastic - self.damping
+        spent = self.kinetic + self.elastic + self.plastic + self.damping + self.ground
+        return self.gravity + self.body_force - spent
 
     def items(self) -> Row:
         """For a row of a table, in kJ."""
@@ -128,32 +131,47 @@ def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.Sta
     state = replace(state, history=(state.history, *fresh.history[1:]), unaveraged=fresh.unaveraged)
     m, dt = scene.particles.mass, scene.time_step
 
-    def one(_: Any, carry: tuple[mpm.State, Array, Array]) -> tuple[mpm.State, Array, Array]:
-        old, damped, pushed = carry
+    def one(_: Any, carry: tuple[mpm.State, Array, Array, Array]) -> tuple[mpm.State, Array, Array, Array]:
+        old, damped, pushed, ground = carry
         if not scene.finite_strain:
             # What closes a gap is no strain of the law, which so does not know its volume.
             old = replace(old, history=(*old.history[:2], old.volume_ratio))
         new = mpm.advance(scene, old, 1)
+        if equations.sheared(scene) is not False:
+            ground = ground + work_across_gaps(scene, old)
         if scene.damping is not None:
             halves = diagnostics.kinetic_energy(scene, old) + diagnostics.kinetic_energy(scene, new)
             damped = damped + dt * scene.damping * halves
         if scene.body_force is not None:
             push = scene.body_force(scene.particles.position, old.step * dt)
             pushed = pushed + jnp.sum(m * push * (new.displacement - old.displacement))
-        return new, damped, pushed
+        return new, damped, pushed, ground
 
     zero = jnp.zeros_like(dt)
-    final, damped, pushed = jax.lax.fori_loop(0, steps, one, (state, zero, zero))
+    final, damped, pushed, ground = jax.lax.fori_loop(0, steps, one, (state, zero, zero, zero))
     dissipated = final.history[1] if final.unaveraged is None else final.history[1] + final.unaveraged[1]
     energies = Energies(
         kinetic=centred_kinetic(scene, final) - centred_kinetic(scene, state),
         elastic=diagnostics.elastic_energy(scene, final) - diagnostics.elastic_energy(scene, state),
         plastic=jnp.sum(scene.particles.volume * dissipated),
         damping=damped,
+        ground=ground,
         gravity=-diagnostics.potential_energy(scene, final),
         body_force=pushed,
     )
     return final, energies
+
+
+def work_across_gaps(scene: mpm.Scene, state: mpm.State) -> Array:
+    """Energy (J) that the traction of rigid ground across gaps takes from soil in the next step."""
+    dt, maps = scene.time_step, equations.Maps(scene, equations.grid_position(scene, state))
+    nodal = equations.particles_to_grid(scene, state, dt, maps)
+    volume = scene.particles.volume * state.volume_ratio
+    stress = maps.to_grid(None, equations.acting_stress(scene, state.stress, volume, maps))
+    gap = equations.gaps(scene, nodal.mass[:, 0])
+    traction = equations.closed(scene, gap, stress, nodal.undrained) - stress
+    before, after = equations.nodal_velocity(nodal), equations.move_grid(scene, nodal, state.step * dt, dt).velocity
+    return -dt / 2 * jnp.sum(traction * (before + after))
 
 
 def centred_kinetic(scene: mpm.Scene, state: mpm.State) -> Array:

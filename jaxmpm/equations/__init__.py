@@ -1,6 +1,7 @@
 """Equations of a step: transfers, motion of the nodes, stress, and free field; `jaxmpm.step` applies them in order."""
 
 from jaxmpm.equations._free_field import beyond_ends, free_field
+from jaxmpm.equations._gaps import closed, gap_of, gaps, sheared
 from jaxmpm.equations._maps import MASS_FLOOR, Maps, grid_position, reciprocal
 from jaxmpm.equations._nodes import (
     GridMotion,
@@ -21,14 +22,18 @@ __all__ = [
     "Nodal",
     "acting_stress",
     "beyond_ends",
+    "closed",
     "external_force",
     "felt_gravity",
     "free_field",
+    "gap_of",
+    "gaps",
     "grid_position",
     "move_grid",
     "nodal_velocity",
     "particles_to_grid",
     "pushed",
     "reciprocal",
+    "sheared",
     "update_stress",
 ]

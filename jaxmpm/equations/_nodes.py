@@ -13,6 +13,7 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import Region, hold, slide
+from jaxmpm.equations._gaps import closed, gaps, sheared
 from jaxmpm.equations._maps import Maps, reciprocal
 from jaxmpm.equations._stress import acting_stress
 from jaxmpm.transfer import momentum
@@ -45,6 +46,7 @@ class Nodal(NamedTuple):
         history_change: (nodes, leaves) average change of the history in the step before; None if it is not averaged.
         beyond: action of the free field; None without.
         unsoftened: (nodes,) share of the strength of walls and the base that slip has left; None if it takes none.
+        undrained: (nodes,) share of the soil that has no friction; None where all of it is of one kind.
     """
 
     mass: Array
@@ -55,6 +57,7 @@ class Nodal(NamedTuple):
     history_change: Array | None = None
     beyond: Beyond | None = None
     unsoftened: Array | None = None
+    undrained: Array | None = None
 
 
 class GridMotion(NamedTuple):
@@ -83,16 +86,27 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         carried.insert(0, (particles.mass * left_by_slip(scene.wall_softening, state.displacement))[None])
     if bonded(scene):
         carried.insert(0, particles.volume[None])  # without the gaps of soil that has opened, which bear nothing
+    shears = sheared(scene)
+    if not isinstance(shears, bool):
+        carried.insert(0, (particles.mass * shears)[None])
     nodal = maps.to_all_nodes(
         jnp.concatenate(carried), acting_stress(scene, state.stress, volume, maps) if stressed else None
     )
     ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
     blocks = jnp.split(nodal, ends, axis=1)
-    if bonded(scene):
-        area = area_covered(scene, maps.fold(blocks.pop(0))[:, 0])
+    undrained = None if isinstance(shears, bool) else maps.fold(blocks.pop(0))[:, 0]
+    covering = maps.fold(blocks.pop(0))[:, 0] if bonded(scene) else None
     left = None if scene.wall_softening is None else maps.fold(blocks.pop(0))[:, 0]
     sums, moving, *forces = blocks
     sums = maps.fold(sums)
+    if undrained is not None:
+        undrained = undrained * reciprocal(scene, sums[:, 0])
+    gap = gaps(scene, sums[:, 0]) if covering is not None or shears is not False else None
+    if covering is not None:
+        area = area_covered(scene, covering, gap)
+    forces = [maps.fold(each) for each in forces]
+    if stressed and shears is not False:
+        forces[-1] = closed(scene, gap, forces[-1], undrained)
     if left is not None:
         unsoftened = left * reciprocal(scene, sums[:, 0])
     if scene.nonlocal_passes is not None:
@@ -101,11 +115,12 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     return Nodal(
         mass=mass,
         momentum=maps.momentum(moving),
-        force=maps.fold(sum(forces[1:], forces[0])) if forces else None,
+        force=sum(forces[1:], forces[0]) if forces else None,
         per_mass=reciprocal(scene, hold(scene, mass, math.inf)),
         area=area,
         history_change=average,
         unsoftened=unsoftened,
+        undrained=undrained,
     )
 
 
@@ -151,6 +166,8 @@ def felt_gravity(scene: Scene, time: Array) -> Array:
 def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
     """The nodes with the force of the particles' stress added."""
     stress = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
+    if sheared(scene) is not False:
+        stress = closed(scene, gaps(scene, nodal.mass[:, 0]), stress, nodal.undrained)
     return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)
 
 
@@ -179,16 +196,19 @@ COVERED = 0.25
 """Share of the volume of full cells from which soil covers all of the base at a node; with less, in proportion."""
 
 
-def area_covered(scene: Scene, volume: Array) -> Array:
+def area_covered(scene: Scene, volume: Array, gap: Array | None) -> Array:
     """Area of walls or of the base that soil covers at their nodes.
 
     Args:
         scene: of the nodes.
         volume: of the soil mapped to them (nodes,) m3.
+        gap: below soil that does not reach down to them, from `gaps`.
 
     Returns:
         (nodes,) m2.
     """
+    if gap is not None:
+        volume = volume / (1 - gap) ** 2
     if scene.base is None:
         # Soil that fills the cells on a wall contributes half of their volume to its nodes.
         return 2 / scene.grid.cell * volume
@@ -212,23 +232,23 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
     friction = scene.wall_friction
     assert friction is not None
 
+    def at(region: Region | None, value: Array) -> Array:
+        """A number, or the nodes' values in a region."""
+        return value if region is None or not value.ndim else value.reshape(scene.grid.shape)[region]
+
     def left(region: Region | None, strength: Array) -> Array:
-        share = nodal.unsoftened
-        if share is None:
-            return strength
-        return strength * (share if region is None else share.reshape(scene.grid.shape)[region])
+        return strength if nodal.unsoftened is None else strength * at(region, nodal.unsoftened)
 
     if nodal.area is None:
-        return lambda region, push: left(region, friction) * push
+        return lambda region, push: left(region, at(region, friction)) * push
     rate = dt * nodal.area * reciprocal(scene, nodal.mass[:, 0])
     zero = jnp.zeros_like(rate)
     water = zero if scene.wall_pressure is None else rate * scene.wall_pressure
     cohesion = zero if scene.wall_cohesion is None else rate * scene.wall_cohesion
 
     def largest(region: Region | None, push: Array) -> Array:
-        lost, bond = (each if region is None else each.reshape(scene.grid.shape)[region] for each in (water, cohesion))
-        strength = left(region, friction) * jnp.maximum(push - lost, 0) + left(region, bond)
-        return jnp.where(push > 0, strength, 0)
+        borne = left(region, at(region, friction)) * jnp.maximum(push - at(region, water), 0)
+        return jnp.where(push > 0, borne + left(region, at(region, cohesion)), 0)
 
     return largest
 

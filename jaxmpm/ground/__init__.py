@@ -1,5 +1,7 @@
 """Ground: its protocol, slopes, sections and terrain, their layers and files, and the particles that fill it."""
 
+from jaxmpm.ground._base import rigid_base
+from jaxmpm.ground._contact import Contact
 from jaxmpm.ground._fill import cells, scene_of
 from jaxmpm.ground._ground import Face, Ground, build_ground, check_ground, layer_of
 from jaxmpm.ground._layer import Layer
@@ -15,6 +17,7 @@ from jaxmpm.setup import check_discretisation
 
 __all__ = [
     "WATER_WEIGHT",
+    "Contact",
     "Face",
     "Ground",
     "Layer",
@@ -34,6 +37,7 @@ __all__ = [
     "read_line",
     "read_raster",
     "relief",
+    "rigid_base",
     "scene_of",
     "section",
     "slope",

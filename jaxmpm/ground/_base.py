@@ -10,6 +10,7 @@ from itertools import product
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmpm.equations import gap_of
 from jaxmpm.grid import Grid, RigidBase, Wall
 from jaxmpm.setup import PADDING, RESOLVED, Boundary
 from jaxmpm.soil import Interface
@@ -117,6 +118,10 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     height = (z - heights(*across)) * normal[-1]
     on_base = (height < NEAR * grid.cell).ravel()
     area, volume = _covered(grid, heights, on_base)
+    field = volume.reshape(grid.shape)
+    # Soil above a node of the base counts as reaching down to it.
+    gap = np.pad(gap_of(field[..., :-1], field[..., 1:]), [(0, 0)] * (grid.dimension - 1) + [(0, 1)]).ravel()
+    volume = volume / (1 - gap) ** 2
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
     return RigidBase(*(jnp.asarray(each) for each in (vectors, area, np.where(area > 0, volume, 1.0))))
 
@@ -150,9 +155,11 @@ def _covered(grid: Grid, heights: Heights, on_base: np.ndarray) -> tuple[np.ndar
         points[-1] += (level + 0.5) * part / upright
         weights, nodes = _hats(grid, points)
         volume += np.bincount(nodes.ravel(), (weights * patch * part / upright).ravel(), grid.nodes)
-    # In proportion to the soil at the nodes, so that no light node stops while heavier ones slide.
+    # By the uppermost nodes of the base, which soil that has come down reaches too.
+    upper = on_base.reshape(grid.shape).copy()
+    upper[..., :-1] &= ~upper[..., 1:]
     weights, nodes = _hats(grid, surface)
-    weights = weights * np.where(on_base, volume, 0.0)[nodes]
+    weights = weights * np.where(upper.ravel(), volume, 0.0)[nodes]
     total = weights.sum(axis=0)
     shares = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0)
     return np.bincount(nodes.ravel(), (shares * patch / upright).ravel(), grid.nodes), volume

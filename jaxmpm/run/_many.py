@@ -45,10 +45,11 @@ def solve_each(
     Args:
         scene: that samples vary.
         state: at which all start; at rest if stiffness or weight vary.
-        varied: parameters that differ, name -> one value per sample, () or (N,), drawn lazily as lanes become free:
-            `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those of `with_soil`: any
-            parameter of the material, young (Pa), poisson, unit_weight (N/m3), water_level (m), wall_friction. If
-            stiffness, weight or the water's level vary, every sample has its own initial stress and time step.
+        varied: parameters that differ, name -> one value per sample, () or (N,), of walls () or (nodes,), drawn lazily
+            as lanes become free: `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those
+            of `with_soil`: any parameter of the material, young (Pa), poisson, unit_weight (N/m3), water_level (m),
+            wall_friction, wall_cohesion (Pa). If stiffness, weight or the water's level vary, every sample has its own
+            initial stress and time step.
         width: number of lanes.
         t_end: as for `solve`, reached to a few steps.
         numbers: of the samples, drawn with them; by default 0, 1, 2, ...

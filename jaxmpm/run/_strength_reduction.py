@@ -21,7 +21,7 @@ from jaxmpm.run._integrate import solve
 from jaxmpm.run._lanes import varied_lanes
 from jaxmpm.run._limit_load import YOUNG, Scale, find_kink, find_start, limit_load_scene, lowest_local, moved
 from jaxmpm.run._stopping import Settle, check_run, farthest
-from jaxmpm.setup import check_scene
+from jaxmpm.setup import WALL_STRENGTH, check_scene
 from jaxmpm.types import Scene, State
 
 
@@ -225,7 +225,7 @@ def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
 
 def _reduced_walls(scene: Scene, factor: Array) -> dict[str, Any]:
     """Friction and cohesion of the walls, if any, divided by a factor."""
-    strength = {name: getattr(scene, name) for name in ("wall_friction", "wall_cohesion")}
+    strength = {name: getattr(scene, name) for name in WALL_STRENGTH}
     return {name: value / factor for name, value in strength.items() if value is not None}
 
 

@@ -2,6 +2,7 @@
 
 from jaxmpm.setup._build import PADDING, ROUNDING, Hold, below, build, end_walls, material_on
 from jaxmpm.setup._builders import bar, block, column
+from jaxmpm.setup._choices import WALL_STRENGTH
 from jaxmpm.setup._discretisation import (
     RESOLVED,
     Discretisation,
@@ -22,6 +23,7 @@ __all__ = [
     "PADDING",
     "RESOLVED",
     "ROUNDING",
+    "WALL_STRENGTH",
     "Boundary",
     "Discretisation",
     "Hold",

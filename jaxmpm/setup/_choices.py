@@ -18,8 +18,9 @@ from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._options import Boundary
+from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.transfer import Linear, inside, locate
-from jaxmpm.types import Engine, Scheme
+from jaxmpm.types import Engine, Scene, Scheme
 
 
 def check_grid(grid: Grid) -> int:
@@ -73,8 +74,8 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
     rough = boundary.base is not None or any(wall.hold == "friction" for wall in walls)
     if rough != (friction is not None):
         raise ValueError(
-            f"wall_friction = {friction} with walls of {sorted({wall.hold for wall in walls})}: give it with, and only "
-            "with, walls of 'friction' or a base"
+            f"wall_friction = {shown(friction)} with walls of {sorted({wall.hold for wall in walls})}: give it with, "
+            "and only with, walls of 'friction' or a base"
         )
     if not rough and any(each is not None for each in (boundary.cohesion, boundary.pressure, boundary.softening)):
         raise ValueError(
@@ -87,6 +88,8 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
         check.within("softening[0], the share that slip leaves,", residual, Limit(least=0, most=1))
         check.positive("softening[1], the slip,", slip, "m")
     nodes, pressure, cut, base = (grid.nodes,), boundary.pressure, boundary.cut, boundary.base
+    for name in WALL_STRENGTH:
+        check_of_contact(name, getattr(boundary, name.removeprefix("wall_")), grid)
     if pressure is not None and np.shape(pressure) != nodes:
         raise ValueError(f"wall_pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")
     if cut is not None and (np.shape(cut) != nodes or np.asarray(cut).dtype != bool):
@@ -95,6 +98,25 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
         shapes = tuple(np.shape(each) for each in (base.normal, base.area, base.volume))
         if shapes != ((*nodes, grid.dimension), nodes, nodes):
             raise ValueError(f"the base has shapes {shapes}: give normals {(*nodes, grid.dimension)}, else {nodes}")
+
+
+WALL_STRENGTH = ("wall_friction", "wall_cohesion")
+"""Strength of walls with friction and of a base, as a `Scene` has it."""
+
+
+def check_of_contact(name: str, value: ArrayLike | None, grid: Grid) -> None:
+    """Check that a strength of walls or of a base is a number or one value per node.
+
+    Args:
+        name: of the parameter, for the message.
+        value: () or (nodes,); None for none.
+        grid: of the nodes.
+
+    Raises:
+        ValueError: If it has another shape.
+    """
+    if value is not None and np.shape(value) not in ((), (grid.nodes,)):
+        raise ValueError(f"{name} has shape {np.shape(value)}: give a number or {(grid.nodes,)}, one value per node")
 
 
 def check_kernel(kernel: Kernel, grid: Grid) -> None:
@@ -247,3 +269,30 @@ def check_water(
             )
         if isinstance(material, Zoned) and np.any(np.asarray(pore_pressure)[in_total_stress_at(material)]):
             raise ValueError("pore_pressure above 0 in a zone whose strength is undrained: give 0 Pa there")
+
+
+def check_weight_below_water(scene: Scene) -> None:
+    """Refuse soil that floats.
+
+    Args:
+        scene: of particles at the start; without water there is nothing to refuse.
+
+    Raises:
+        ValueError: If soil below the water is no heavier than water.
+    """
+    if scene.water is None or check.is_traced(scene):
+        return
+    particles = scene.particles
+    push = np.asarray(scene.water.push(particles.position)[-1], float)
+    down = -float(scene.gravity[-1])
+    heavy = down * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
+    floats = np.flatnonzero((push > 0) & (heavy <= push * (1 + 1e-6)))
+    if floats.size:
+        worst = floats[np.argmin(heavy[floats])]
+        at = ", ".join(f"{x:.4g}" for x in np.asarray(particles.position)[:, worst])
+        weight = float(scene.water.unit_weight) * STANDARD_GRAVITY / down
+        raise ValueError(
+            f"soil at ({at}) m lies below the water with a unit weight of {heavy[worst] * STANDARD_GRAVITY / down:.5g} "
+            f"N/m3, no more than the {weight:.4g} of water, and floats: give unit_weight, or saturated_unit_weight of "
+            "soil below the water, with the water in its pores, or lower the water"
+        )

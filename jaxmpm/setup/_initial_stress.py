@@ -17,15 +17,15 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import hold
-from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, external_force
+from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, closed, external_force, gaps, sheared
 from jaxmpm.laws import elastic_increment
 from jaxmpm.setup._scene import unstressed
 from jaxmpm.types import Scene, State
 
 
-@partial(jax.jit, static_argnames="iterations")
+@partial(jax.jit, static_argnames=("iterations", "gapped"))
 def elastic_equilibrium(
-    scene: Scene, stress: Array, *, tolerance: float = 1e-5, iterations: int = 2000
+    scene: Scene, stress: Array, *, tolerance: float = 1e-5, iterations: int = 2000, gapped: bool = False
 ) -> tuple[Array, Array]:
     """Stress in balance with the load, reached elastically from another stress.
 
@@ -38,27 +38,29 @@ def elastic_equilibrium(
         stress: (s, N) Pa to start from.
         tolerance: of the conjugate gradients, as a share of the load.
         iterations: their largest number.
+        gapped: whether soil lies above nodes of rigid ground by a share of a cell, which the forces close. The problem
+            is then not symmetric.
 
     Returns:
         Stress (s, N) Pa, and the residual: norm of the net force over that of the load, on free nodes.
     """
     grid, particles = scene.grid, scene.particles
-    # At rest soil sticks to walls with friction, and to the base.
-    sticking = (replace(wall, hold="fixed") if wall.hold == "friction" else wall for wall in scene.walls)
-    scene = replace(scene, walls=tuple(sticking))
-    if scene.base is not None:
-        on_base = jnp.any(scene.base.normal != 0, axis=1)
-        scene = replace(scene, cut=on_base if scene.cut is None else scene.cut | on_base)
+    scene = _sticking(scene)
     d = grid.dimension
     maps = Maps(scene, particles.position)
     mass = maps.to_grid(particles.mass[None], None)
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
+    gap, undrained, shears = gaps(scene, mass[:, 0]) if gapped else None, None, sheared(scene)
+    if gapped and not isinstance(shears, bool):
+        weighed = maps.to_grid((particles.mass * shears)[None], None)[:, 0]
+        undrained = jnp.where(carries[:, 0], weighed / jnp.where(carries[:, 0], mass[:, 0], 1), 0)
 
     def free(nodal: Array) -> Array:
         return hold(scene, jnp.where(carries, nodal, 0))
 
     def internal_force(stress: Array) -> Array:
-        return free(maps.to_grid(None, acting_stress(scene, stress, particles.volume, maps)))
+        force = maps.to_grid(None, acting_stress(scene, stress, particles.volume, maps))
+        return free(closed(scene, gap, force, undrained, pressing=False))
 
     def stress_of(nodal_displacement: Array) -> Array:
         entries = tensors.entries(maps.gradient(nodal_displacement))
@@ -75,7 +77,8 @@ def elastic_equilibrium(
     load = free(load)
     net = load + internal_force(stress)
     norm = jnp.linalg.norm(load)
-    solution, _ = jax.scipy.sparse.linalg.cg(
+    solve = jax.scipy.sparse.linalg.bicgstab if gapped else jax.scipy.sparse.linalg.cg
+    solution, _ = solve(
         lambda u: -internal_force(stress_of(u)),
         net,
         M=lambda r: jnp.where(carries, r / jnp.where(carries, mass, 1), 0),
@@ -85,6 +88,24 @@ def elastic_equilibrium(
     )
     balanced = stress + stress_of(solution)
     return balanced, jnp.linalg.norm(load + internal_force(balanced)) / norm
+
+
+def _sticking(scene: Scene) -> Scene:
+    """The scene at rest, where soil sticks to walls with friction, and to the base."""
+    walls = tuple(replace(wall, hold="fixed") if wall.hold == "friction" else wall for wall in scene.walls)
+    if scene.base is None:
+        return replace(scene, walls=walls)
+    on_base = jnp.any(scene.base.normal != 0, axis=1)
+    return replace(scene, walls=walls, base=None, cut=on_base if scene.cut is None else scene.cut | on_base)
+
+
+def _gapped(scene: Scene) -> bool:
+    """Whether undrained soil lies above nodes of rigid ground by a share of a cell."""
+    if sheared(scene) is False:
+        return False
+    maps = Maps(scene, scene.particles.position)
+    gap = gaps(_sticking(scene), maps.to_grid(scene.particles.mass[None], None)[:, 0])
+    return gap is not None and bool(np.any(np.asarray(gap)))
 
 
 RESIDUAL = 1e-3
@@ -132,7 +153,7 @@ def settled(scene: Scene, state: State) -> State:
     k0 = ((bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)).astype(dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
     stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
-    balanced, residual = elastic_equilibrium(scene, stress)
+    balanced, residual = elastic_equilibrium(scene, stress, gapped=_gapped(scene))
     if not float(residual) < RESIDUAL:
         raise ValueError(
             f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit {RESIDUAL:g}): "

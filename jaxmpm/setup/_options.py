@@ -18,8 +18,8 @@ class Boundary:
 
     Args:
         walls: planes that constrain nodes.
-        friction: coefficient of walls with friction and of the base.
-        cohesion: of those (Pa); None for none.
+        friction: coefficient of walls with friction and of the base, a number or (nodes,).
+        cohesion: of those (Pa), likewise; None for none.
         pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
         tied: numbers of two planes of nodes along x that are identified; None for none.
         cut: (nodes,) bool, nodes at which nothing moves; None if walls are all.
@@ -30,8 +30,8 @@ class Boundary:
     """
 
     walls: Sequence[Wall] = ()
-    friction: float | None = None
-    cohesion: float | None = None
+    friction: ArrayLike | None = None
+    cohesion: ArrayLike | None = None
     pressure: ArrayLike | None = None
     tied: tuple[int, int] | None = None
     cut: ArrayLike | None = None

@@ -21,6 +21,7 @@ from jaxmpm.setup._choices import (
     check_particles,
     check_tied,
     check_water,
+    check_weight_below_water,
     gravity_vector,
     warn_of_hats,
 )
@@ -137,6 +138,7 @@ def scene(
         base=jax.tree.map(number, boundary.base),
     )
     check_scene(built)
+    check_weight_below_water(built)
     _check_time_step(built, loads.motion)
     return built
 

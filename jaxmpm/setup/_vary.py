@@ -13,14 +13,15 @@ from jax.typing import ArrayLike
 from foundation import check
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.protocols import Material
+from jaxmpm.setup._choices import WALL_STRENGTH, check_of_contact, check_weight_below_water
 from jaxmpm.setup._initial_stress import at_rest, overburden
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._scene import unstressed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.types import Scene, State
 
-WATER_LEVEL, WALL_FRICTION = "water_level", "wall_friction"
-ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL, WALL_FRICTION)
+WATER_LEVEL = "water_level"
+ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL, *WALL_STRENGTH)
 STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", WATER_LEVEL}
 """Parameters on which time step or initial stress depend."""
 
@@ -38,7 +39,8 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
         **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
             with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
             below the water table), water_level (m, of a level table; soil keeps its weight, give a unit_weight too
-            where it is another below water), wall_friction (coefficient of walls and a base that have one, a number).
+            where it is another below water), wall_friction (coefficient of walls and a base that have one) and
+            wall_cohesion (Pa), numbers or one value per node (nodes,).
 
     Returns:
         Scene and state.
@@ -50,6 +52,8 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
     check_start(state, values)
     varied, start = vary(scene, state, values)
     check_scene(varied)
+    if {"unit_weight", WATER_LEVEL} & values.keys():
+        check_weight_below_water(varied)
     return varied, start
 
 
@@ -87,8 +91,10 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
         )
     if WATER_LEVEL in names and scene.water is None:
         raise ValueError("water_level is given, and the scene has no water: build it with a level")
-    if WALL_FRICTION in names and scene.wall_friction is None:
-        raise ValueError("wall_friction is given, and no wall has friction: build the scene with an interface")
+    for name in WALL_STRENGTH:
+        if name in names and getattr(scene, name) is None:
+            has = name.removeprefix("wall_")
+            raise ValueError(f"{name} is given, and no wall has {has}: build the scene with an interface that has some")
     for one, other in (("young", "bulk"), ("young", "shear"), ("poisson", "bulk"), ("poisson", "shear")):
         if one in names and other in names:
             raise ValueError(f"both {one} and {other} are given: give young and poisson, or bulk and shear")
@@ -135,9 +141,10 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         Scene and state.
     """
     for name, value in values.items():
-        check_shape(name, value, scene.particles)
-        if name == WALL_FRICTION and np.ndim(value):
-            raise ValueError(f"{name} has shape {np.shape(value)}: give a number, walls have one friction")
+        if name in WALL_STRENGTH:
+            check_of_contact(name, value, scene.grid)
+        else:
+            check_shape(name, value, scene.particles)
     given = {name: jnp.asarray(value, scene.particles.mass.dtype) for name, value in values.items()}
     varied = replace(scene, material=_material(scene.material, given))
     if "unit_weight" in given:
@@ -149,8 +156,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         assert scene.water is not None
         assert hasattr(scene.water, "at_level")
         varied = replace(varied, water=scene.water.at_level(given[WATER_LEVEL]))
-    if WALL_FRICTION in given:
-        varied = replace(varied, wall_friction=given[WALL_FRICTION])
+    varied = replace(varied, **{name: given[name] for name in WALL_STRENGTH if name in given})
     if not STARTING & given.keys():
         return varied, state
     if not check.admissible(varied):

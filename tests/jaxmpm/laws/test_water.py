@@ -337,3 +337,20 @@ REFUSED = {
 def test_water_that_cannot_be_is_refused(given, message):
     with pytest.raises(ValueError, match=message):
         mpm.section(HILL, discretisation=HALVES, **({"soil": SAND} | given))
+
+
+@pytest.mark.parametrize("soil", [mpm.Soil(unit_weight=9e3), mpm.FrictionalSoil(1e3, 20.0, unit_weight=9810.0)])
+def test_soil_that_floats_is_refused(soil):
+    """Its effective weight would lift it, and a slope of it would never fail."""
+    layers = mpm.Section([(0, 4), (4, 4)])
+    numerics = mpm.Discretisation(1.0, (0.5, 0.5))
+    with pytest.raises(
+        ValueError, match=r"lies below the water with a unit weight of 9.* and floats: give unit_weight"
+    ):
+        mpm.section(layers, soil, numerics, water=2.0, at_rest=False)
+    scene, state = mpm.section(layers, soil, numerics, water=0.0, at_rest=False)
+    with pytest.raises(ValueError, match="floats"):
+        mpm.with_soil(scene, state, water_level=2.0)
+    heavy, state = mpm.section(layers, replace(soil, unit_weight=10e3), numerics, water=2.0, at_rest=False)
+    with pytest.raises(ValueError, match="floats"):
+        mpm.with_soil(heavy, state, unit_weight=9.5e3)

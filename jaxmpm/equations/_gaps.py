@@ -1,0 +1,139 @@
+"""Soil that lies a share of a cell above rigid ground, and the traction that the ground then has on it.
+
+Soil in the cell next to rigid ground is supported by the nodes on that ground, and so may come to rest anywhere in this
+cell. Its stress acts on the grid by its volume. Where soil fills a share of the cell, its pressure rises until it bears
+the weight, and friction with it. Undrained strength does not depend on pressure: a fixed base would hold such soil by
+`1 - gap` of its strength. So the traction along the ground is that of a cell which the soil fills down to the ground.
+The forces normal to the ground are left as they are: there energy would not be conserved in an impact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxmpm.laws import frictional
+from jaxmpm.types import Scene
+
+NARROW, WIDE = 0.04, 0.85
+"""Gaps, as shares of a cell, up to which soil counts as touching the ground, and that count at most."""
+
+
+class Ground(NamedTuple):
+    """A plane of nodes on rigid ground along which soil shears or slides, or all planes of nodes but the last.
+
+    Args:
+        axis: normal to the planes.
+        own: planes of the ground, first and beyond the last.
+        inward: distance in nodes of the next planes into the soil, 1 or -1.
+        held: which nodes of these planes are the ground's with soil's beside them; None for all.
+    """
+
+    axis: int
+    own: tuple[int, int]
+    inward: int
+    held: Array | None = None
+
+    def of(self, field: Array, beside: int = 0) -> Array:
+        """Values of a field (grid's shape, ...) on these planes, or on those beside them."""
+        first, beyond = (plane + beside for plane in self.own)
+        return jax.lax.slice_in_dim(field, first, beyond, axis=self.axis)
+
+    def padded(self, values: Array, planes: int, beside: int = 0) -> Array:
+        """A field on so many planes with these values on the ground's, or on those beside them, and 0 elsewhere."""
+        first, beyond = (plane + beside for plane in self.own)
+        widths = [(0, 0)] * values.ndim
+        widths[self.axis] = (first, planes - beyond)
+        return jnp.pad(values, widths)
+
+
+def sheared(scene: Scene) -> Array | bool:
+    """Whether undrained soil may shear along rigid ground, of soil of both kinds which particles are undrained (N,)."""
+    kind = frictional(scene.material)
+    holds = scene.cut is not None or scene.base is not None or any(wall.hold != "roller" for wall in scene.walls)
+    return ~kind if holds and not isinstance(kind, bool) else holds and not kind
+
+
+def gaps(scene: Scene, mass: Array) -> Array | None:
+    """Gap between soil and rigid ground at the nodes of the ground.
+
+    Of soil that reaches up from a gap g through the next cells, (1 - g)^2 / 2 of a full cell's mass maps to the node on
+    the ground and 1 - g^2 / 2 to the next one, however much of the ground it covers. A thin layer maps less to the
+    next node, and counts as lying on the ground.
+
+    Args:
+        scene: of the nodes.
+        mass: at the nodes (nodes,) kg.
+
+    Returns:
+        (nodes,) share of a cell, 0 at all other nodes; None where no ground holds soil along itself.
+    """
+    found, field = None, mass.reshape(scene.grid.shape)
+    for ground in _grounds(scene):
+        here = gap_of(ground.of(field), ground.of(field, ground.inward))
+        if ground.held is not None:
+            here = jnp.where(ground.held, here, 0)
+        here = ground.padded(here, field.shape[ground.axis])
+        found = here if found is None else jnp.maximum(found, here)
+    return None if found is None else found.reshape(mass.shape)
+
+
+def gap_of(first: Array, second: Array) -> Array:
+    """Gap as a share of a cell, of the masses at nodes on the ground and at the next ones (kg)."""
+    ratio = first / jnp.where(second > 0, second, jnp.inf)
+    # Without soil the root is 1, where it has a derivative.
+    gap = (1 - jnp.sqrt(jnp.where(ratio > 0, ratio + 2 * ratio**2, 1))) / (1 + ratio)
+    return jnp.where(gap > NARROW, jnp.minimum(gap, WIDE), 0)
+
+
+def closed(
+    scene: Scene, gap: Array | None, force: Array, undrained: Array | None = None, *, pressing: bool = True
+) -> Array:
+    """Forces of the soil's stress, along ground on which it presses as they are if soil reaches down to it.
+
+    What a node on the ground lacks, the next one lacks in return.
+
+    Args:
+        scene: of the nodes.
+        gap: from `gaps`.
+        force: of the stress (nodes, d) N.
+        undrained: share of the soil at the nodes that has no friction (nodes,); None for all.
+        pressing: whether soil that pulls at its ground is left as it is; without, the forces are linear in the stress.
+
+    Returns:
+        (nodes, d) N.
+    """
+    if gap is None:
+        return force
+    shape = scene.grid.shape
+    field, lacking = force.reshape(*shape, -1), gap / (1 - gap) if undrained is None else undrained * gap / (1 - gap)
+    result, lacking = field, lacking.reshape(shape)
+    for ground in _grounds(scene):
+        own, share = ground.of(field), ground.of(lacking)
+        if ground.held is not None:
+            share = jnp.where(ground.held, share, 0)
+        if pressing:
+            share = jnp.where(ground.inward * own[..., ground.axis] < 0, share, 0)
+        along = jnp.arange(own.shape[-1]) != ground.axis
+        lacks, planes = jnp.where(along, share[..., None] * own, 0), shape[ground.axis]
+        result = result + ground.padded(lacks, planes) - ground.padded(lacks, planes, ground.inward)
+    return result.reshape(force.shape)
+
+
+def _grounds(scene: Scene) -> Iterator[Ground]:
+    """Walls that hold soil along themselves, and ground of any shape, whose next nodes lie above."""
+    for wall in scene.walls:
+        if wall.hold != "roller":
+            yield Ground(wall.axis, (wall.index, wall.index + 1), 1 if wall.side == "low" else -1)
+    held = scene.cut
+    if scene.base is not None:
+        on_base = jnp.any(scene.base.normal != 0, axis=1)
+        held = on_base if held is None else held | on_base
+    if held is not None:
+        upright, field = scene.grid.dimension - 1, held.reshape(scene.grid.shape)
+        ground = Ground(upright, (0, field.shape[upright] - 1), 1)
+        yield ground._replace(held=ground.of(field) & ~ground.of(field, 1))
