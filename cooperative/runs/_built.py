@@ -28,7 +28,7 @@ import jaxmpm
 from cooperative.runs._derived import RATIO, SATURATED
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import RandomSoil
-from cooperative.scene import Campaign, built
+from cooperative.scene import CONTACT, Campaign, built
 from foundation import files, hdf5
 from jaxmpm import Scene, State
 from jaxmpm.laws import declared
@@ -84,6 +84,7 @@ def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     """Raise ValueError for what varies and is no parameter of the soil."""
     known = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
     known += [RATIO] if "strength" in known else []
+    known += [name for name, of_walls in CONTACT.items() if getattr(scene, of_walls) is not None]
     unknown = [name for name in random if name not in known]
     if unknown:
         raise ValueError(

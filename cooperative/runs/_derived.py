@@ -18,8 +18,6 @@ IN_LAW = {RATIO: "strength", SATURATED: "unit_weight"}
 """Parameter of the law, or of the particles, to which each contributes."""
 LEVEL = "water_level"
 """What `jaxmpm.with_soil` calls the height of the water."""
-CONTACT = "wall_friction"
-"""What it calls the coefficient of friction of the interface."""
 
 
 def by_stress(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import jax
 import jax.numpy as jnp
@@ -13,10 +13,11 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.measure import ColumnPlan, OpenGround
-from cooperative.runs._derived import CONTACT, IN_LAW, LEVEL, RATIO, SATURATED, by_stress, wet_or_dry, wetted
+from cooperative.runs._derived import IN_LAW, LEVEL, RATIO, SATURATED, by_stress, wet_or_dry, wetted
 from cooperative.runs._random_soil import RandomSoil
-from cooperative.scene import Campaign, RandomField
+from cooperative.scene import CONTACT, Campaign, RandomField
 from jaxmpm import Face, Scene, State, with_columns
+from jaxmpm.ground import Contact
 from jaxmpm.laws import Zoned, declared, with_parameters
 from jaxmpm.run import column_shape
 from kl.marginal import Marginal
@@ -106,9 +107,10 @@ class GridModel:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters of the law that samples differ in: random ones, and those that go with these."""
+        drawn = (name for name in self.campaign.random if name not in CONTACT)
         grown = [] if self.stress is None else ["strength"]
         grown += ["unit_weight"] if wetted(self.campaign.site, self.campaign.soil) else []
-        random = tuple(dict.fromkeys(IN_LAW.get(name, name) for name in (*self.campaign.random, *grown)))
+        random = tuple(dict.fromkeys(IN_LAW.get(name, name) for name in (*drawn, *grown)))
         bound = (
             name
             for name, each in declared(self.scene.material).items()
@@ -121,8 +123,21 @@ class GridModel:
     def paths(self) -> dict[str, str]:
         """Where `jaxmpm.with_soil` and `solve_each` find the parameters that samples differ in, by name."""
         known, site = declared(self.scene.material), self.campaign.site
-        own = (*self.names, *((CONTACT,) * site.contact_of_soil), *(() if site.level is None else (LEVEL,)))
+        own = (*self.names, *self.of_contact, *(() if site.level is None else (LEVEL,)))
         return {name: known[name].path if name in known else name for name in own}
+
+    @property
+    def of_contact(self) -> tuple[str, ...]:
+        """Which strengths of the interface differ at its nodes: random ones, and those of the soil."""
+        random, soil = self.campaign.random, self.campaign.site.contact_of_soil
+        return tuple(
+            known for name, known in CONTACT.items() if name in random or name.removeprefix("interface_") in soil
+        )
+
+    @cached_property
+    def contact(self) -> Contact:
+        """Nodes at which soil slides on rigid ground."""
+        return Contact.of(self.scene)
 
     @property
     def own_start(self) -> bool:
@@ -152,14 +167,13 @@ class GridModel:
         drawn = self._drawn(coefficients)
         numbers = self._in_law(drawn, self.water_level(coefficients))
         law = {name: self._of_engineers(name, value, inverse=True) for name, value in numbers.items()}
-        return law | {name: drawn[name] for name in IN_LAW if name in drawn}
+        return law | {name: drawn[name] for name in (*IN_LAW, *CONTACT) if name in drawn}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands."""
         level = self.water_level(coefficients)
         values = {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients), level).items()}
-        if self.campaign.site.contact_of_soil:
-            values[CONTACT] = jnp.tan(values[self.paths["friction"]][0])  # the same at all particles
+        values |= self._at_contact(coefficients, values)
         return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.gravity.dtype)}
 
     def water_level(self, coefficients: jax.Array | np.ndarray | None = None) -> float | None:
@@ -284,8 +298,36 @@ class GridModel:
             for name, random in self.campaign.random.items()
         }
 
+    def _at_contact(
+        self, coefficients: jax.Array | np.ndarray | None, soil: Mapping[str, jax.Array]
+    ) -> dict[str, jax.Array]:
+        """Strength (nodes,) of the interface, where it is random or that of a sample's soil, whose numbers are given.
+
+        soil: numbers of the law, by path.
+        """
+        if not self.of_contact:
+            return {}
+        contact, site = self.contact, self.campaign.site
+        names = {self.paths[name]: name for name in self.names}
+        own = contact.of_soil({names[path]: value for path, value in soil.items()}) if site.contact_of_soil else {}
+        own = {name: own[name] for name in self.of_contact if name in own}
+        sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
+        points = jnp.asarray(contact.points, self.scene.particles.position.dtype)
+        for name, known in CONTACT.items():
+            if name not in self.campaign.random:
+                continue
+            field, group = self.campaign.random[name], self.soil.groups_of(name)[None]
+            gaussian = kl.field_at(group.expansion, self.soil.coefficients(sample)[name], group.inside(points))
+            value = self.soil.marginal(field, name, sample, None).transform(gaussian)
+            if field.trend is not None:
+                value = value * jnp.asarray(field.grown(site.depth(contact.points, field, 0)), value.dtype)
+            strength = jnp.tan(jnp.deg2rad(value)) if known == CONTACT["interface_friction"] else value
+            own[known] = contact.spread(self.strength_factor * strength)
+        return own
+
     def _in_law(self, drawn: Mapping[str, jax.Array], level: float | None) -> dict[str, jax.Array]:
         """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""
+        drawn = {name: value for name, value in drawn.items() if name not in CONTACT}
         numbers = {name: self._of_engineers(name, value) for name, value in drawn.items() if name not in IN_LAW}
         site, soil = self.campaign.site, self.campaign.soil
         layer = np.zeros(self.scene.particles.mass.size, int) if self.layer is None else self.layer

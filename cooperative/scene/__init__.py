@@ -2,7 +2,7 @@
 
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_samples
 from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
-from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField
+from cooperative.scene._fields import CONTACT, TAIL, CrossCorrelation, RandomField
 from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
     doubts,
@@ -37,6 +37,7 @@ from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
 
 __all__ = [
     "BASE",
+    "CONTACT",
     "NAMED",
     "RANKED",
     "SCALES",

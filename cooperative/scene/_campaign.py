@@ -23,7 +23,7 @@ import kl
 from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import ElementAtRisk
 from cooperative.scene import tables
-from cooperative.scene._fields import CrossCorrelation, RandomField, check_cross_correlation
+from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, check_cross_correlation
 from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer, check_seams, check_site
 from cooperative.scene.tables import Budget, Measured
@@ -299,6 +299,7 @@ def check_campaign(campaign: Campaign) -> None:
             f"{own_start[0]} varies beside ends = 'free field', whose columns have the mean soil and its stress at "
             "rest: give it as a number, or take rollers"
         )
+    _check_weights(campaign)
     if run.slides_t_end is not None and plan.slides == 0:
         raise ValueError(
             f"slides_t_end = {run.slides_t_end:g} s has no effect beside slides = 0, which asks for no slides: leave "
@@ -333,6 +334,25 @@ def check_campaign(campaign: Campaign) -> None:
             f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "
             "for modes of the refined grid alone"
         )
+
+
+def _check_weights(campaign: Campaign) -> None:
+    """Raise ValueError for weights that vary so much that soil below water floats in some sample."""
+    site = campaign.site
+    if site.water is None:
+        return
+    every: list[tuple[str, RandomField]] = []
+    for label, random in (("", campaign.random), *((f"{each.label}: ", each.random) for each in site.layers)):
+        below = WEIGHTS[1] if WEIGHTS[1] in random else WEIGHTS[0]
+        every += [(f"{label}{below}", random[below])] if below in random else []
+    for name, varies in every:
+        least = varies.extremes(site.span)[0]
+        if least <= ground.WATER_WEIGHT:
+            raise ValueError(
+                f"{name} comes down to {least:.4g} N/m3, {TAIL:g} deviations from the middle, no more than the "
+                f"{ground.WATER_WEIGHT:g} of the water in the ground, in which soil then floats: give a smaller cov, "
+                "or marginal = 'truncated normal' with lower and upper"
+            )
 
 
 def _check_own_fields(campaign: Campaign, layer: SiteLayer) -> None:

@@ -25,7 +25,11 @@ TAIL = 4.0
 """Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
 100,000 on either side."""
 
-LIMITS = soil_limits()
+CONTACT = {"interface_friction": "wall_friction", "interface_cohesion": "wall_cohesion"}
+"""Parameters of an interface that may vary, by what `jaxmpm.with_soil` calls them."""
+
+LIMITS = {**soil_limits(), **{name: soil_limits()[name.removeprefix("interface_")] for name in CONTACT}}
+"""Limits of what may vary, by parameter of the soil or of an interface."""
 
 Span = tuple[float, float]
 """Elevations (m) of the base and of the highest point of ground."""

@@ -86,10 +86,11 @@ def _unit(schema: tables.Schema) -> str:
 def _allowed(table: type[tables.Table], name: str, schema: tables.Schema) -> str:
     """What a key may hold; of a table of its own, what that one's keys may."""
     inner = tables.table_in(table.model_fields[name])
-    if inner is None or "$ref" not in schema:
-        return tables.wanted(schema)
+    words = "a table" if "$ref" in schema else tables.wanted(schema)
+    if inner is None or inner is tables.Varying or not words.endswith("a table"):
+        return words
     keys = tables.schema_of(inner)["properties"].items()
-    return "a table: " + "; ".join(f"`{key}` {tables.wanted(each)} ({_unit(each) or '-'})" for key, each in keys)
+    return f"{words}: " + "; ".join(f"`{key}` {tables.wanted(each)} ({_unit(each) or '-'})" for key, each in keys)
 
 
 def _row(name: str, schema: tables.Schema, allowed: str, *, required: bool) -> str:

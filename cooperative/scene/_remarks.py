@@ -10,6 +10,7 @@ import numpy as np
 from cooperative.estimate import Subset, SubsetPlan
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._fields import RandomField
+from foundation.text import shown
 from jaxmpm import FrictionalSoil, Raster, ground
 
 TOP = 0.95
@@ -52,6 +53,7 @@ def remarks(campaign: Campaign) -> Iterator[str]:
         for each in random.items()
     ]
     yield from _unresolved(fields, campaign.refined.cell)
+    yield from _of_sizes(campaign)
     yield from _of_levels(campaign)
     yield from _of_dilation(campaign)
     yield from _of_gaps(campaign)
@@ -61,6 +63,36 @@ def remarks(campaign: Campaign) -> Iterator[str]:
         yield (
             f"{len(above)} borehole values lie above the ground, such as that of {above[0][0]} at "
             f"{list(above[0][1:-1])} m: they condition the field there, is z an elevation in metres?"
+        )
+
+
+SMALL = 1e-3
+"""Failure displacement, over the height of the slope, below which soil that stands moves as far as it settles."""
+
+FEW = 4.0
+"""Cells over the height of a slope below which the rough grid hardly knows a slide."""
+
+
+def _of_sizes(campaign: Campaign) -> Iterator[str]:
+    """A displacement that is none, a slope of few cells, and layers that share a name."""
+    shape, run = campaign.site.shape, campaign.run
+    relief = ground.relief(shape)
+    if run.failure != "limit load" and 0 < run.failure_displacement < SMALL * relief:
+        yield (
+            f"failure_displacement = {run.failure_displacement:g} m, less than a thousandth of the slope's height of "
+            f"{relief:.4g} m: soil that stands yields and settles so far, and counts as a failure; give "
+            f"{10 * SMALL * relief:.2g} m or more"
+        )
+    if 0 < relief < FEW * campaign.rough.cell:
+        yield (
+            f"the slope is {relief:.4g} m high, {relief / campaign.rough.cell:.2g} cells of {campaign.rough.cell:g} m "
+            f"of the rough grid, which hardly resolves a slide: give cells of at most {relief / FEW:.3g} m"
+        )
+    names = [each.name for each in campaign.site.layers]
+    for name in dict.fromkeys(name for name in names if names.count(name) > 1):
+        yield (
+            f"{names.count(name)} layers are called {shown(name)}: messages, figures and tables do not tell them "
+            "apart; give each its own name"
         )
 
 

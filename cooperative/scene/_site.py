@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cooperative.measure import Track
-from cooperative.scene._fields import LIMITS, RandomField, Span, StrengthByStress
+from cooperative.scene._fields import CONTACT, LIMITS, RandomField, Span, StrengthByStress
 from cooperative.scene.tables import RandomLevel
 from foundation.text import shown
 from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
@@ -60,7 +60,7 @@ class Site:
         track: along which run-out is measured, None for along the slide.
         origin: where x = 0 and y = 0 lie in the projection of a terrain's surface (m).
         level: distribution of the water's level, whose mean `water` then is; None where samples do not differ in it.
-        contact_of_soil: whether the friction of its interface is that of the soil, in each sample its own.
+        contact_of_soil: which of friction and cohesion its interface has from the soil that lies on it.
     """
 
     shape: Ground
@@ -71,7 +71,7 @@ class Site:
     track: Track | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
     level: RandomLevel | None = None
-    contact_of_soil: bool = False
+    contact_of_soil: tuple[str, ...] = ()
 
     @property
     def projection(self) -> str | None:
@@ -165,9 +165,11 @@ class Site:
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
         """What a parameter that varies is in each layer.
 
-        A field, or the number of a layer in which it does not vary; the mean of the field in a layer whose kind of soil
-        has no such parameter.
+        A field, also that of an interface, or the number of a layer in which it does not vary; the mean of the field in
+        a layer whose kind of soil has no such parameter.
         """
+        if parameter in CONTACT:
+            return (field,) * max(len(self.layers), 1)
 
         def number(soil: AnySoil) -> float:
             value = getattr(soil, parameter, None)

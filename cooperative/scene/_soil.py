@@ -68,10 +68,6 @@ def soils_of(
     """
     if not scene.unusual:
         ask("[run] gravity", "gravity", scene.run.gravity)
-        for part, ground in (("ground", scene.ground), ("terrain", scene.terrain)):
-            for name, value in (ground and ground.interface) or ():
-                if isinstance(value, float):
-                    ask(f"[{part}.interface] {name}", name, value)
     soil, random = None, cast(Mapping[str, RandomField], {})
     if scene.soil is not None and not (scene.layer and _kind(_of_scene(scene)) is None):
         table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})
@@ -105,7 +101,7 @@ def _soil_of(
     _check_kind(values, table.model_fields_set, label, home)
     for name, value in table:
         if isinstance(value, tables.Varying):
-            random[name] = _field(value, downhill)
+            random[name] = field_of(value, downhill)
             if not unusual:
                 ask_of_field(label(name), name, random[name], home)
             random[name].check(label(name), LIMITS[name], span)
@@ -272,7 +268,13 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
             raise ValueError(f"{label(name)} has no effect in {kind}: leave it out")
 
 
-def _field(table: tables.Varying, downhill: int) -> RandomField:
+def field_of(table: tables.Varying, downhill: int) -> RandomField:
+    """The random field of a table.
+
+    Args:
+        table: of a parameter that varies.
+        downhill: 1 where the ground falls along x, -1 where it falls against x: strata dip so by default.
+    """
     bedding = None
     if table.bedding is not None:
         strike = {1: 90.0, -1: 270.0}[downhill] if table.bedding.strike is None else table.bedding.strike

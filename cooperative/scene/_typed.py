@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -13,7 +14,7 @@ from cooperative.estimate import SETTINGS, Estimator, named_estimator
 from cooperative.measure import ElementAtRisk
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_grids
-from cooperative.scene._contact import interface_of, on_soil
+from cooperative.scene._contact import fields_of, interface_of, on_ground
 from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
 from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground
@@ -21,7 +22,7 @@ from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, ask_for_orig
 from cooperative.scene._run import check_limit_load, run_of
 from cooperative.scene._shaking import motion_of
 from cooperative.scene._site import Site, Water
-from cooperative.scene._soil import soils_of
+from cooperative.scene._soil import field_of, soils_of
 from cooperative.scene._varied import variants_of
 from cooperative.store import Source, table_of
 from foundation.table import decoded
@@ -70,13 +71,18 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if not scene.unusual:
         where = next(name for name in tables.SITES if getattr(scene, name) is not None)
         ask_of_ground(where, ground.shape, scene.run.failure_displacement)
-    whole, through, layers = soils_of(
-        scene, height=ground.height, span=ground.span, downhill=getattr(ground.shape, "downhill", 1)
-    )
+    downhill = getattr(ground.shape, "downhill", 1)
+    whole, through, layers = soils_of(scene, height=ground.height, span=ground.span, downhill=downhill)
     level = None if scene.water is None else scene.water.level
     site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)
-    soil, random = site.representative(whole), site.all_random(through)
-    site = on_soil(site, scene.ground or scene.terrain, soil, random)
+    soil, drawn = site.representative(whole), scene.ground or scene.terrain
+    contact = None if drawn is None else interface_of(drawn)
+    of_contact = fields_of(
+        "terrain" if scene.ground is None else "ground", contact, partial(field_of, downhill=downhill), ground.span,
+        unusual=scene.unusual,
+    )  # fmt: skip
+    random = site.all_random({**through, **of_contact})
+    site = on_ground(site, contact, soil)
     check_limit_load(scene.run, scene.limit_load)
     together = scene.cross_correlation
     campaign = Campaign(
@@ -200,7 +206,7 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
     values = dict(table)
     ends, origin = values.pop("ends"), values.pop("origin")
     ask_for_origin_of_section(table.surface)
-    shape = Section(**{**values, "interface": interface_of(table.interface)})
+    shape = Section(**{**values, "interface": None})
     try:
         shape.check()
     except ValueError as error:
@@ -219,7 +225,7 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     polygon = tables.of_features(table.polygon, "[terrain] polygon") or None
     shape = Terrain(
         surface, table.base, x, y, polygon=polygon, depth=table.depth, cut=table.cut,
-        bedrock=cast(Raster | None, table.bedrock), interface=interface_of(table.interface),
+        bedrock=cast(Raster | None, table.bedrock),
     )  # fmt: skip
     shape.check()
     track = track_of(tables.of_features(table.run_out_line, RUN_OUT_LINE), shape)

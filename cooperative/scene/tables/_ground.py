@@ -21,6 +21,7 @@ from cooperative.scene.tables._key import (
     key,
 )
 from cooperative.scene.tables._level import RandomLevel
+from cooperative.scene.tables._varying import Varying
 from foundation.check import Limit
 from jaxmpm.soil import soil_limits
 
@@ -48,13 +49,20 @@ class Slope(Table):
 class Interface(Table):
     """Strength of the contact of soil with the base."""
 
-    friction: Annotated[float, Within(soil_limits()["friction"])] | Literal["soil"] = key(
-        'Angle of friction; `"soil"`: that of the soil, in each sample its own. The soil then has one friction '
-        "everywhere, or correlation lengths of inf, and no layers.",
+    friction: OrTable[Annotated[float, Within(soil_limits()["friction"])] | Literal["soil"], Varying] = key(
+        'Angle of friction. `"soil"`: that of the soil which lies on it at the start, 0 of undrained soil. A table, '
+        "`[ground.interface.friction]` with the keys of `[strength]`: a random field, which "
+        "`cross_correlation` calls `interface_friction`.",
         10.0,
         units="degrees",
     )
-    cohesion: Annotated[float, Within(soil_limits()["cohesion"])] = key("Cohesion.", 0.0, 0.0)
+    cohesion: OrTable[Annotated[float, Within(soil_limits()["cohesion"])] | Literal["soil"], Varying] = key(
+        'Cohesion. `"soil"`: that of the soil, of undrained soil its strength. Or a table, likewise, called '
+        "`interface_cohesion`.",
+        0.0,
+        0.0,
+        units="Pa",
+    )
     residual_ratio: Annotated[float, Within(soil_limits()["residual_ratio"])] = key(
         "Share of tan(friction) and of cohesion that slip leaves. Below 1 give `slip_length` too.", 0.5, 1.0,
         synonyms="residual residual_strength",
@@ -67,15 +75,13 @@ class Interface(Table):
 
 CONTACT = key(
     "Strength of the contact of soil with the base or bedrock, on which soil can then slide. It stands for a joint, or "
-    "for a weak seam on rock that is thinner than a cell. It varies with the soil alone, see `friction`; strength "
-    "reduction divides it too.",
+    "for a weak seam on rock that is thinner than a cell. Strength reduction divides it too. "
+    '`"soil"`: a contact with friction and cohesion of the soil. `"fixed"`: none, soil sticks to the nodes there.',
     {"friction": 10.0, "cohesion": 0.0},
     None,
-    otherwise="none: soil sticks to it",
+    otherwise='`"soil"` on `bedrock`, `"fixed"` on the level base',
 )
-CONTACT_OF_BEDROCK = (
-    "With an `interface` it is a slip surface on which soil slides without a cell of soil that sticks to it."
-)
+CONTACT_OF_BEDROCK = "Soil slides on it with the strength of the `interface`, or its own without one."
 
 
 class Ground(Table):
@@ -121,7 +127,7 @@ class Ground(Table):
         "roller",
         "roller",
     )
-    interface: Interface | None = CONTACT
+    interface: OrTable[Literal["soil", "fixed"], Interface] | None = CONTACT
     bedrock: Line | None = key(
         f"Surface of rigid ground above the base, from wall to wall. {CONTACT_OF_BEDROCK} Rock crops out where "
         "the line follows the surface.",
@@ -150,7 +156,7 @@ class Terrain(Table):
         units="m",
         otherwise="none: the level base",
     )
-    interface: Interface | None = CONTACT
+    interface: OrTable[Literal["soil", "fixed"], Interface] | None = CONTACT
     x: Pair[Metres] | None = key(
         "Walls along x, a multiple of both cells apart.", [0.0, 200.0], None,
         otherwise="the surface's ends, less what is no multiple of both cells",

@@ -31,15 +31,20 @@ def model_of(scene, grid="rough"):
     return model, runs.coefficients_of(campaign, model.soil)
 
 
+def contact(model, scene):
+    """Coefficients of friction at the nodes of the contact."""
+    return np.asarray(scene.wall_friction)[model.contact.nodes]
+
+
 def test_each_sample_slides_on_its_own_friction():
     model, coefficients = model_of(SCENE)
     coefficient = set()
     for sample in coefficients[:3]:
         scene, _ = model.of_sample(sample)
         angle = model.parameters(sample)["friction"]
-        assert float(scene.wall_friction) == pytest.approx(math.tan(math.radians(float(angle[0]))), rel=1e-5)
         np.testing.assert_allclose(angle, angle[0])
-        coefficient.add(float(scene.wall_friction))
+        np.testing.assert_allclose(contact(model, scene), math.tan(math.radians(float(angle[0]))), rtol=1e-5)
+        coefficient.add(float(angle[0]))
     assert len(coefficient) == 3
     assert read(model.campaign).site == model.campaign.site
 
@@ -48,7 +53,7 @@ def test_the_contact_is_reduced_with_the_soil():
     model, coefficients = model_of(SCENE)
     half, _ = model.with_strength_factor(0.5).of_sample(coefficients[0])
     whole, _ = model.of_sample(coefficients[0])
-    assert float(half.wall_friction) == pytest.approx(float(whole.wall_friction) / 2, rel=1e-5)
+    np.testing.assert_allclose(contact(model, half), contact(model, whole) / 2, rtol=1e-5)
 
 
 def test_a_batch_has_a_contact_for_each_lane():
@@ -65,7 +70,6 @@ def test_a_batch_has_a_contact_for_each_lane():
 def test_a_friction_that_does_not_vary_is_that_of_the_contact_too():
     campaign = parse(SCENE.replace(RANDOM, "friction = 25.0\n").replace("cohesion = 1e3\n", COHESION))
     assert campaign.site.shape.interface == mpm.Interface(25.0)
-    assert not campaign.site.contact_of_soil
 
 
 def test_the_friction_of_the_soil_falls_with_slip_where_the_contact_softens():
@@ -84,16 +88,72 @@ def test_the_friction_of_the_soil_falls_with_slip_where_the_contact_softens():
 COHESION = "cohesion = { mean = 1e3, cov = 0.2, length = [inf, inf] }\n"
 
 
+def test_soil_that_varies_in_space_has_a_contact_that_does():
+    model, coefficients = model_of(SCENE.replace("length = [inf, inf]", "length = [4.0, 2.0]"))
+    scene, _ = model.of_sample(coefficients[0])
+    angle, x = np.asarray(model.parameters(coefficients[0])["friction"]), np.asarray(scene.particles.position)
+    for node, friction in zip(model.contact.nodes, contact(model, scene), strict=True):
+        point = np.array(scene.grid.origin) + scene.grid.cell * np.array(np.unravel_index(node, scene.grid.shape))
+        near = np.abs(x - point[:, None]).max(axis=0) < 0.9 * scene.grid.cell
+        if near.any():
+            low, high = np.tan(np.radians([angle[near].min(), angle[near].max()]))
+            assert low - 0.02 <= friction <= high + 0.02
+    assert np.ptp(contact(model, scene)) > 0.01
+
+
+def test_bedrock_without_an_interface_has_the_strength_of_the_soil_on_it():
+    """Else the lowest cell of soil would stick to it, and the slope would be as firm as one glued to its rock."""
+    model, coefficients = model_of(SCENE.replace('interface = { friction = "soil" }\n', ""))
+    assert model.campaign.site.shape.interface == mpm.Interface(20.0, 1e3)
+    scene, _ = model.of_sample(coefficients[0])
+    assert scene.cut is None
+    np.testing.assert_allclose(np.asarray(scene.wall_cohesion)[model.contact.nodes], 1e3)
+    stuck, _ = model_of(SCENE.replace('{ friction = "soil" }', '"fixed"'))
+    assert stuck.scene.base is None
+    assert stuck.scene.cut.any()
+    level = parse(SCENE.replace(SCENE.splitlines()[3] + "\n", "").replace('interface = { friction = "soil" }\n', ""))
+    assert level.site.shape.interface is None
+
+
+LAYERED = """[[layer]]
+name = "sand"
+bottom = [[0.0, 4.0], [4.0, 4.0], [8.0, 1.0], [14.0, 1.0]]
+[[layer]]
+name = "clay"
+strength = 12e3
+[soil]
+"""
+
+
+def test_layers_of_both_kinds_have_each_its_own_contact():
+    """The boundary of the layers meets the bedrock at x = 8 m: sand lies on it from there on."""
+    model, coefficients = model_of(
+        SCENE.replace('"soil" }', '"soil", cohesion = "soil" }').replace("[soil]\n", LAYERED)
+    )
+    scene, _ = model.of_sample(coefficients[0])
+    nodes = model.contact.nodes
+    friction, cohesion = np.asarray(scene.wall_friction)[nodes], np.asarray(scene.wall_cohesion)[nodes]
+    x = scene.grid.origin[0] + scene.grid.cell * np.unravel_index(nodes, scene.grid.shape)[0]
+    angle = np.nanmax(model.parameters(coefficients[0])["friction"])
+    np.testing.assert_allclose(friction[x > 9.5], math.tan(math.radians(angle)), rtol=1e-5)
+    np.testing.assert_allclose(cohesion[x > 9.5], 1e3, rtol=1e-5)
+    np.testing.assert_allclose(friction[x < 3.5], 0, atol=1e-6)
+    np.testing.assert_allclose(cohesion[x < 3.5], 12e3, rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
-        ("length = [inf, inf]", "length = [9.0, 2.0]", "has one that varies in space"),
-        (RANDOM, "[strength]\nmean = 2e4\ncov = 0.2\nlength = [inf, inf]\n", "has no friction"),
-        ("[soil]\n", '[[layer]]\nname = "sand"\n[soil]\n', "has layers"),
+        (
+            RANDOM,
+            "[strength]\nmean = 2e4\ncov = 0.2\nlength = [inf, inf]\n",
+            "the friction of the soil, which has none",
+        ),
         ('"soil" }', '"rock" }', "friction"),
+        ('"soil" }', '"soil", cohesion = "rock" }', "cohesion"),
     ],
 )
-def test_soil_without_one_friction_is_refused(old, new, why):
+def test_a_strength_that_no_soil_has_is_refused(old, new, why):
     scene = SCENE.replace(old, new)
     with pytest.raises(ValueError, match=why):
         parse(scene.replace("cohesion = 1e3\n", "") if "strength" in new else scene)
@@ -103,6 +163,8 @@ def test_the_solver_takes_a_friction_for_walls_that_have_one():
     model, _ = model_of(SCENE)
     with pytest.raises(ValueError, match="wall_friction has shape"):
         mpm.with_soil(model.scene, model.state, wall_friction=[0.1, 0.2])
+    with pytest.raises(ValueError, match="no wall has cohesion"):
+        mpm.with_soil(model.scene, model.state, wall_cohesion=1e3)
     with pytest.raises(ValueError, match="no wall has friction"):
         mpm.with_soil(
             *mpm.section(mpm.Section([(0, 4), (4, 4)]), mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5))),

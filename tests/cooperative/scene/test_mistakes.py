@@ -62,6 +62,17 @@ def test_a_correlation_length_of_less_than_two_cells_is_remarked():
     )
 
 
+def test_a_displacement_that_is_none_a_low_slope_and_layers_of_one_name_are_remarked():
+    tiny = re.sub(r"failure_displacement = .*", "failure_displacement = 1e-4", DEMO)
+    [remark] = remarks(parse(tiny))
+    assert remark.startswith("failure_displacement = 0.0001 m, less than a thousandth of the slope's height of")
+    [remark] = remarks(parse(DEMO.replace("height = 12.0", "height = 2.0")))
+    assert "1 cells of 2 m of the rough grid, which hardly resolves a slide: give cells of at most 0.5 m" in remark
+    twice = EMBANKMENT.replace('name = "sand fill"', 'name = "soft clay"')
+    assert any("2 layers are called 'soft clay'" in each for each in remarks(parse(twice)))
+    assert not any("layers are called" in each for each in remarks(parse(EMBANKMENT)))
+
+
 def test_soil_without_cohesion_that_forgets_its_gap_is_remarked():
     dry = DEMO[: DEMO.index("[soil]")] + SAND.replace("friction = 30.0\n", "cohesion = 0.0\n")
     field = FIELD.replace("[soil.cohesion]\nmean = 20e3", "[soil.friction]\nmean = 30.0").replace(
@@ -93,3 +104,11 @@ def test_check_says_how_much_ground_a_slide_may_need_beyond_the_toe(tmp_path, ca
     printed = capsys.readouterr().out
     assert "  beyond the toe 10 m of ground; all soil above the toe" in printed
     assert "WARNING        a slide may reach the end of the ground, 10 m beyond the toe: make that" in printed
+
+
+def test_soil_that_floats_in_some_sample_is_refused():
+    wet = drawn("[[0, 16], [20, 16], [44, 4], [92, 4]]").replace("[soil]", "[water]\nlevel = 8.0\n[soil]")
+    weight = "unit_weight = { mean = 11e3, cov = 0.05, length = [60.0, 2.0] }"
+    with pytest.raises(ValueError, match=r"unit_weight comes down to 8996 N/m3, 4 deviations .* no more than the 9810"):
+        parse(re.sub(r"unit_weight = \S+", weight, wet))
+    assert parse(re.sub(r"unit_weight = \S+", weight.replace("11e3", "19e3"), wet)).random
