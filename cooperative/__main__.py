@@ -3,7 +3,6 @@
 The commands stand in `cooperative._commands`.
 """
 
-import io
 import os
 import signal
 import sys
@@ -21,7 +20,8 @@ def _open_streams() -> None:
             os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, mode, encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
+        # A stream that somebody put in place of Python's may have no such method.
+        if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 
 

@@ -33,6 +33,8 @@ from foundation.text import printable
 
 CLEAR = "\x1b[2J\x1b[H"
 """Has a terminal begin an empty screen."""
+LONGEST_TRIAL = 3600.0
+"""Seconds of a trial at most; it shows no more after ten."""
 Command = Callable[[argparse.Namespace], None]
 
 
@@ -117,8 +119,8 @@ def new(given: argparse.Namespace) -> None:
 
 def check(given: argparse.Namespace) -> None:
     """Read a scene and say what it will cost on this machine, from a trial of ten seconds."""
-    if not given.seconds > 0:
-        raise ValueError(f"--seconds {given.seconds:g}: give more than 0")
+    if not 0 < given.seconds <= LONGEST_TRIAL:
+        raise ValueError(f"--seconds {given.seconds:g}: give more than 0 and at most {LONGEST_TRIAL:g}")
     scene, *others = _campaigns(given)
     for each in (scene, *others):
         runs.check_size(each)
@@ -354,6 +356,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.
         own = isinstance(error, OSError) and error.filename is None and error.strerror
+        if isinstance(error, OSError) and error.filename is not None:
+            own = f"{error.filename} cannot be used ({error.strerror}): give a file or folder that you may use"
         print(f"error: {printable(str(own or error))}", file=sys.stderr)
         return 2
     except (RuntimeError, AssertionError):

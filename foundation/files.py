@@ -9,9 +9,10 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -79,8 +80,12 @@ def explained(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        remedy = "make room" if full else "check the disk" if path.parent.is_dir() else f"make {path.parent}"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            remedy = "make room"
+        elif error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+            remedy = "have it writable, or copy its folder to where you may write"
+        else:
+            remedy = "check the disk" if path.parent.is_dir() else f"make {path.parent}"
         raise OSError(
             error.errno, f"cannot write {path} ({reason}): {remedy} and start the same command again"
         ) from error
@@ -212,8 +217,42 @@ def own_folder(path: Path) -> Path:
     """
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise ValueError(f"{path} is a link or a file, not a folder: move it away")
-    path.mkdir(parents=True, exist_ok=True)
+    with explained(path):
+        path.mkdir(parents=True, exist_ok=True)
     return path
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what processes that were killed while they wrote left in a folder, see `aside`.
+
+    A part stays whose process may still write it: one of its number runs here, or it changed in the last minute, as one
+    of another machine does.
+
+    Args:
+        folder: which need not be there.
+    """
+    for part in folder.glob(".*.part"):
+        with suppress(OSError):
+            number = part.name.split(".")[-2]
+            if number.isdecimal() and not _runs(int(number)) and time.time() - part.lstat().st_mtime > STILL:
+                part.unlink()
+
+
+STILL = 60.0
+"""Seconds without a change, after which a part of a process that does not run here is a leftover."""
+
+
+def _runs(process: int) -> bool:
+    """Whether a process of this number runs here, as far as the system tells."""
+    if os.name == "nt":  # where a signal of number 0 ends the process
+        return False
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def claimed_folder(path: Path) -> Path:

@@ -22,6 +22,7 @@ from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._page import page
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, own_folder, read_sample, write_aside
+from foundation.files import remove_leftovers
 from jaxmpm import solve_each
 from jaxmpm.run import Midway
 
@@ -55,6 +56,8 @@ def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, est
     figures = [*_hazards(results, maps_of(results), labels, cut), *_numbers(results, labels, cut)]
     figures += _slopes(results, slides, again, estimator)
     target = own_folder(results.store.folder / "figures")
+    for written in (results.store.folder, target):
+        remove_leftovers(written)
     for drawn in figures:
         plots.lay_out(drawn.figure)
         plots.save(drawn.figure, target / f"{drawn.name}.png")

@@ -35,6 +35,7 @@ from cooperative.runs import (
 )
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
+from foundation.files import remove_leftovers
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
 DEFAULT = ("table", "hdf5", "particles", "maps")
@@ -76,6 +77,8 @@ def export(
     if wrong := [kind for kind in kinds if kind not in KINDS]:
         raise ValueError(f"{wrong[0]!r} is no kind of export: give one of {', '.join(KINDS)}")
     store = read_store(folder)
+    for written in (store.folder, store.folder / "maps", store.folder / "series"):
+        remove_leftovers(written)
     models = cache(lambda: models_of(campaign_of(store, estimator)))
     ground = stored_ground(store) or ground_of(models())
     rows = rows_of(store, ground)

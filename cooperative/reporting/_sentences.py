@@ -14,13 +14,17 @@ Cell = str | float | int | None
 """Of a table: numbers stand on the right, None is a dash."""
 
 
+PLAIN = str.maketrans("²³", "23")
+"""Units as every terminal and every file of its output has letters for."""
+
+
 def words(results: Results) -> str:
-    """The summary for the terminal."""
+    """The summary for the terminal, in letters of ASCII but for names."""
     summary = results.summary
     lines = [
         summary.name,
         f"  probability of failure  {probability(summary.estimate)}",
-        *(f"  {line}" for line in (criterion(results), unseen(summary), condition(summary)) if line),
+        *(f"  {line}" for line in (criterion(results).translate(PLAIN), unseen(summary), condition(summary)) if line),
         *(f"  at risk        {line}" for line in at_risk(summary)),
     ]
     for method, other in summary.other_estimates.items():
@@ -44,7 +48,9 @@ def words(results: Results) -> str:
         if spread and name in labels(results):
             mean, largest = (at_least(value, spread.at_least) for value in (spread.mean, spread.largest))
             ends = f"{number(spread.smallest)} to {largest}"
-            lines.append(f"  {name:<13}  mean {mean} ({interval(spread)}), {ends} ({units(results)[name]})")
+            lines.append(
+                f"  {name:<13}  mean {mean} ({interval(spread)}), {ends} ({units(results)[name].translate(PLAIN)})"
+            )
     lines += [f"  BROKE OFF      {line}" for line in broken(summary)]
     lines += [f"  LEFT OUT       {line}" for line in results.left_out]
     lines += [f"  WARNING        {warning}" for warning in summary.warnings]

@@ -6,6 +6,7 @@ whoever opens it in five years.
 
 from __future__ import annotations
 
+import errno
 import os
 import platform
 import socket
@@ -23,6 +24,8 @@ from foundation import __version__, files
 from foundation.files import write_aside
 from foundation.text import printable, short, shown
 
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
+"""What file systems answer that have no locks."""
 README = "README.txt"
 """Made from `_readme.txt`, which describes each file by its content, whichever of them there are."""
 
@@ -111,6 +114,11 @@ def _taken_lock(folder: Path) -> int:
         _hold(descriptor)
     except BaseException as error:
         os.close(descriptor)
+        if isinstance(error, OSError) and error.errno in NO_LOCKS:
+            raise ValueError(
+                f"the file system of {folder} has no locks ({error.strerror}), by which one controller at a time has a "
+                "folder: give a folder on a local disk, or have this one mounted with locks (NFS: lockd, Lustre: flock)"
+            ) from error
         if not isinstance(error, BlockingIOError | PermissionError):
             raise
         raise ValueError(
