@@ -302,9 +302,23 @@ def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
     if count < 1 or not math.isclose(count * unit, length, rel_tol=1e-9):
         raise ValueError(
             f"{name} = {length:g} m is no whole multiple of {unit_name} = {unit:g} m: "
-            f"change {unit_name} to a divisor, e.g. {length / max(1, count):g} m"
+            f"change {unit_name} to a divisor, e.g. {_divisor(length, max(1, count))} m"
         )
     return count
+
+
+NEIGHBOURS = 3
+"""Counts on either side, among which a divisor of few digits is looked for."""
+
+
+def _divisor(length: float, count: int) -> str:
+    """A length that goes into another about so many times, in digits that are accepted when they are given."""
+    near = sorted(range(max(1, count - NEIGHBOURS), count + NEIGHBOURS + 1), key=lambda each: abs(each - count))
+    for each in near:
+        text = f"{length / each:g}"
+        if math.isclose(each * float(text), length, rel_tol=1e-12):
+            return text
+    return repr(length / count)
 
 
 def dtype(value: DTypeLike) -> np.dtype:

@@ -386,24 +386,47 @@ def _check_boreholes(campaign: Campaign) -> None:
     for number, name, varies in through:
         if varies.boreholes is None or not any(name in each.own for each in layers):
             continue
-        positions = np.array([row[:-1] for row in varies.boreholes]).T
+        positions = np.array([row[:-1] for row in varies.boreholes], float).T
         at = campaign.site.layer_of(positions, campaign.grids["refined"])
-        if at is None:
-            continue
-        own = [int(layer) if name in layers[layer].own else None for layer in at]
-        wrong = [k for k, layer in enumerate(own) if layer != number]
-        heights = campaign.site.shape.heights(*positions[:-1])
-        if above := [k for k in wrong if positions[-1, k] > heights[k]]:
-            raise ValueError(
-                f"{len(above)} of {len(own)} borehole values of {name} lie above the surface of the ground, such as "
-                f"that at {positions[:, above[0]].tolist()} m: leave them out; jaxmpm site --section does so"
-            )
-        if wrong:
-            raise ValueError(
-                f"{len(wrong)} of {len(own)} borehole values of {name} lie in other layers, to whose field they do not "
-                f"belong, such as that at {positions[:, wrong[0]].tolist()} m in {layers[at[wrong[0]]].name}: give "
-                "them to the field of that layer, or to one that goes through it"
-            )
+        assert at is not None  # there are layers
+        own = np.array([name in each.own for each in layers])[at]
+        foreign = np.flatnonzero(np.where(own, at, -1) != (-1 if number is None else number))
+        if foreign.size:
+            raise ValueError(_of_other_ground(campaign, name, positions[:, foreign], at[foreign]))
+
+
+MOST_ROWS = 5
+"""Borehole values that a message names."""
+
+
+def _of_other_ground(campaign: Campaign, name: str, positions: np.ndarray, layer: np.ndarray) -> str:
+    """Where measured values lie that do not belong to their field, in words.
+
+    positions: of these values (d, n) m. layer: the number of the layer that each is in, or is nearest to (n,).
+    """
+    shape = campaign.site.shape
+    surface, base = shape.heights(*positions[:-1]), shape.corner[-1]
+    lines = []
+    for at, top, number in zip(positions.T[:MOST_ROWS], surface, layer, strict=False):
+        axes = zip("xy", shape.corner, shape.extent, at[:-1], strict=False)
+        ends = [(axis, low, low + edge, x) for axis, low, edge, x in axes]
+        beyond = [f"{axis} from {low:g} to {high:g} m" for axis, low, high, x in ends if not low <= x <= high]
+        if beyond:
+            where = f"beyond the walls of the ground, {', '.join(beyond)}"
+        elif at[-1] > top:
+            where = f"above the ground, whose surface is at {top:.4g} m there"
+        elif at[-1] < base:
+            where = f"below the base of the ground at {base:g} m"
+        else:
+            where = f"in {campaign.site.layers[number].name}"
+        lines.append(f"at {[float(f'{x:.10g}') for x in at]} m {where}")
+    count = positions.shape[1]
+    more = f"; and {count - MOST_ROWS} more" if count > MOST_ROWS else ""
+    subject = "1 borehole value" if count == 1 else f"{count} borehole values"
+    return (
+        f"{subject} of {name} in ground to whose field they do not belong: {'; '.join(lines)}{more}. Leave out what is "
+        "outside the ground, and give the others to the field of their layer, or to one that goes through it"
+    )
 
 
 def check_failure(campaign: Campaign) -> None:

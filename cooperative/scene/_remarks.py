@@ -58,7 +58,9 @@ def remarks(campaign: Campaign) -> Iterator[str]:
     yield from _of_dilation(campaign)
     yield from _of_gaps(campaign)
     rows = {(name, *row): row for name, varies in fields for row in varies.boreholes or ()}
-    above = [key for key, row in rows.items() if row[-2] > float(np.max(shape.heights(*np.array(row[:-2])[:, None])))]
+    points = np.array([row[:-1] for row in rows.values()], float).reshape(-1, campaign.dimension).T
+    high = points[-1] > shape.heights(*points[:-1]) if rows else np.zeros(0, bool)
+    above = [key for key, is_above in zip(rows, high, strict=True) if is_above]
     if above:
         yield (
             f"{len(above)} borehole values lie above the ground, such as that of {above[0][0]} at "

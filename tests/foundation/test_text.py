@@ -133,3 +133,19 @@ def test_a_literal_text_is_drawn_without_formulas(text):
     whole = literal(text)
     Figure().text(0, 0, whole).get_window_extent(FigureCanvasAgg(Figure()).get_renderer())
     assert whole.count(r"\$") == text.count("$")
+
+
+@given(st.floats(1e-3, 1e4), st.floats(1e-3, 1e4))
+def test_the_divisor_that_a_message_asks_for_is_accepted(length, unit):
+    try:
+        check.multiple("length", length, "unit", unit)
+    except ValueError as error:
+        remedy = str(error).split("e.g. ")[1].removesuffix(" m")
+        assert check.multiple("length", length, "unit", float(remedy)) >= 1
+
+
+def test_the_divisor_has_few_digits_where_some_will_do():
+    with pytest.raises(ValueError, match=r"to a divisor, e\.g\. 0\.375 m$"):
+        check.multiple("cell", 0.75, "spacing", 0.373832)
+    with pytest.raises(ValueError, match=r"to a divisor, e\.g\. 0\.5 m$"):
+        check.multiple("edge", 4.0, "cell", 0.53)
