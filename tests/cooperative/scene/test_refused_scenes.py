@@ -47,7 +47,8 @@ TABLE = tomllib.loads(Path(__file__).with_name("refused.toml").read_text())
 CASES = [(base, *case) for base, cases in TABLE.items() for case in cases] + [
     ("tiny", "samples = 6", f"samples = 0x{'f' * 5000}", "samples is a whole number beyond 64 bits"),
     ("tiny", 'name = "tiny"', f"a = {'[' * 5000}{']' * 5000}", "nests tables or lists without end"),
-    ("tiny", "cov = 0.4", f"cov{'.a' * 1500} = 1", r"cov = \{'a'.*\} is a table: give a number"),
+    ("tiny", "cov = 0.4", f"cov{'.a' * 50} = 1", r"cov = \{'a'.*\} is a table: give a number"),
+    ("tiny", "cov = 0.4", f"cov{'.a' * 1500} = 1", "nests tables or lists 65 deep, the limit is 64: write it flat"),
 ]
 
 
