@@ -72,7 +72,12 @@ def _check_together(law: Material, axes: Material | None) -> None:
 
 
 def wave_speed(particles: Particles, material: Material) -> float:
-    """Speed of the fastest elastic wave at any particle (m/s)."""
+    """Speed of the fastest elastic wave at any particle (m/s).
+
+    Args:
+        particles: of a scene.
+        material: their law.
+    """
     density = np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
     return math.sqrt(float(np.max(np.asarray(material.p_wave_modulus, float) / density)))
 

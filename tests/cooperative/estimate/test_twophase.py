@@ -191,10 +191,11 @@ def test_an_audit_that_ends_by_its_target_is_exactly_unbiased(failing, monkeypat
     count, plan = 6, AuditPlan(runs=5, target_cov=0.8, first_wave=2, growth=1.0, proving=2)
     population, outcome = Population(np.exp(-np.arange(float(count)))), {n: n in failing for n in range(count)}
 
-    def drawing(order):
-        def draw(generator, model, *, weight, known, size, floor):
+    def drawing(ordered):
+        def draw(generator, model, *, weight, known, size, floor, doubt, order):
+            assert doubt is order is None
             chances = draw_wave(np.random.default_rng(0), model, weight=weight, known=known, size=1, floor=floor).chance
-            ranks = np.array(order[known.sum() :][:size])
+            ranks = np.array(ordered[known.sum() :][:size])
             each = chances[ranks] / (1 - np.concatenate([[0.0], np.cumsum(chances[ranks])[:-1]]))
             return audit_module.Wave(ranks, each, chances, model)
 
