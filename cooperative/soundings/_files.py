@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from cooperative.soundings._sounding import (
 from foundation import check
 from foundation.extras import extra
 from foundation.files import read_given
-from foundation.table import MOST_BYTES, Table, read_table
+from foundation.table import MOST_BYTES, Table, decoded, read_table
 from foundation.text import printable, shown
 
 Contents = tuple[list[Record], list[Measured]]
@@ -157,12 +158,12 @@ def _check_positions(soundings: Sequence[Sounding], measured: Sequence[Measured]
 
 def _ags(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings (SCPT, SCPG) and strengths (TRIT, IVAN, LVAN) of an AGS4 file."""
-    begin = read_given(path, MOST_BYTES)[:4096].lstrip(b"\xef\xbb\xbf \r\n")
-    if begin.startswith((b'"**', b"**")):
+    text = decoded(path, read_given(path, MOST_BYTES))
+    if text.lstrip('\ufeff" \n').startswith("**"):
         raise SiteError(f"{path}: this is AGS3, whose groups begin with **: convert it to AGS4, which has GROUP lines")
     ags4 = extra("python_ags4.AGS4", f"{path} needs python-AGS4, which is not installed", "'jaxmpm[site]'")
     try:
-        tables, _ = ags4.AGS4_to_dict(str(path))
+        tables, _ = ags4.AGS4_to_dict(StringIO(text))
     except Exception as error:  # python-AGS4 raises whatever its parsers do
         raise SiteError(f"{path} is no AGS4 that python-AGS4 reads: {' '.join(str(error).split())[:200]}") from error
     groups = {name: _ags_rows(table) for name, table in tables.items()}

@@ -299,6 +299,12 @@ def test_laboratory_values_of_ags_have_a_depth_an_elevation_and_a_place(tmp_path
     np.testing.assert_allclose(feet.z, [10.9, 10.0], atol=1e-3)
     with pytest.raises(SiteError, match=r"'A' have no elevation of the ground \(LOCA_GL\)"):
         read_files([as_ags(tmp_path / "no.ags", log(), gl=("m", ""), strengths=LABORATORY)])
+    for encoding in ("cp1252", "utf-8-sig", "utf-16"):
+        text = (tmp_path / "a.ags").read_text().replace('"m","m","kPa"', '"m","m","kN/m²"')
+        (tmp_path / "units.ags").write_bytes(text.encode(encoding))
+        with pytest.warns(UserWarning, match="no depth"):
+            _, (squared,) = read_files([tmp_path / "units.ags"])
+        np.testing.assert_allclose(squared.value, lab.value)
     nameless = tmp_path / "nameless.ags"
     nameless.write_text((tmp_path / "a.ags").read_text().replace("LOCA_ID", "HOLE"))
     with pytest.raises(SiteError, match="has no heading LOCA_ID"):
@@ -368,13 +374,15 @@ def test_names_of_soundings_are_one_printable_line(tmp_path):
 
 
 @settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data(), kind=st.sampled_from(["gef", "xml", "csv"]))
+@given(data=st.data(), kind=st.sampled_from(["gef", "xml", "csv", "ags"]))
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_damaged_files_are_read_or_refused_by_name(tmp_path, data, kind):
     """Bytes that are lost, doubled or changed come to a sounding or to an error that names the file."""
     path = tmp_path / f"damaged.{kind}"
     own = log(10, inclination=[1.0] * 10)
-    {"gef": as_gef, "csv": as_csv, "xml": lambda at, each: as_xml(at, as_test(each, "A"))}[kind](path, own)
+    {"gef": as_gef, "csv": as_csv, "ags": as_ags, "xml": lambda at, each: as_xml(at, as_test(each, "A"))}[kind](
+        path, own
+    )
     content = bytearray(path.read_bytes())
     for _ in range(data.draw(st.integers(1, 6))):
         at = data.draw(st.integers(0, len(content) - 2))
