@@ -8,7 +8,10 @@ Kulhawy (1999), doi:10.1139/t99-038, Table 3.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from cooperative.reporting import save
 from cooperative.scene import toml_value
@@ -20,6 +23,7 @@ from cooperative.site._scene import scene_lines, surface_beside
 from foundation import check
 from foundation.files import write_aside
 from foundation.text import csv_text
+from jaxmpm import read_raster
 from kl.estimation import Interval
 
 SCALES = (3.0, 48.0, 80.0)
@@ -39,6 +43,7 @@ def write_site(site: SiteEstimate, folder: Path, surface: Path | None = None) ->
         What was written.
     """
     head = [] if surface is None else list(scene_lines(site, surface, folder))
+    site = site if surface is None else _below(site, surface)
     copies = {} if surface is None else surface_beside(surface, folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -127,6 +132,20 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
             yield f"borehole_error = {layer.error:.2g}"
 
 
+def _below(site: SiteEstimate, surface: Path) -> SiteEstimate:
+    """The site without what conditions its fields above the surface of a terrain."""
+    raster, origin = read_raster(surface), np.array(site.assumed.origin)
+    layers, above = [], 0
+    for layer in site.layers:
+        *place, z = layer.points[:, layer.conditioning]
+        used = z <= raster.at(*(np.array(place) + origin[:, None])) + SURVEYED
+        above += int((~used).sum())
+        layers.append(replace(layer, conditioning=layer.conditioning[used]))
+    if above:
+        check.warn(f"{above} values above the surface of {surface} do not condition the field")
+    return replace(site, layers=tuple(layers))
+
+
 def _drawn(site: SiteEstimate) -> list[SiteLayerFit]:
     """The layers that have ground in the section, all without one."""
     section, (*upper, last) = site.assumed.section, site.layers
@@ -149,6 +168,8 @@ def _horizontal(layer: SiteLayerFit, assumed: Assumed) -> tuple[float, list[floa
     return mean, list(dict.fromkeys(float(f"{each:.2g}") for each in (least, mean, most)))
 
 
+SURVEYED = 0.5
+"""Height (m) above a terrain model up to which a reading is at its surface: elevations differ by survey."""
 COLUMNS = ("layer", "top [m]", "bottom [m]", "parameter", "values", "quantity", "value", "low", "high", "remark")
 
 

@@ -238,6 +238,14 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
     above = estimate_site([tmp_path / "above.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])
     with pytest.warns(UserWarning, match=r"begins at 13 m, and .*hill.asc has the ground at 2\.\S+ m there: correct"):
         write_site(above, tmp_path / "above", raster)
+    # A cut that the terrain model has and the sounding had not.
+    assert not (tmp_path / "above" / "clay_1_strength.csv").exists()
+    (tmp_path / "cut.csv").write_text(text.replace("\n12,8,13,", "\n12,8,5.5,"))
+    cut = estimate_site([tmp_path / "cut.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])
+    with pytest.warns(UserWarning, match=r"values above the surface of .*hill.asc do not condition the field"):
+        write_site(cut, tmp_path / "cut", raster)
+    rows = np.array(read_rows(tmp_path / "cut" / "clay_1_strength.csv"))
+    assert 1.7 < rows[:, 2].max() <= 3.2
     (tmp_path / "hill.prj").write_text(pytest.importorskip("pyproj").CRS.from_epsg(32633).to_wkt("WKT1_ESRI"))
     zone = text.replace("\n12,8,13,", "\nEPSG:25832,12,8,3,").replace("x [m]", "projection,x [m]")
     (tmp_path / "zone.csv").write_text(zone.replace("\n99,8,3,", "\nEPSG:25832,12,8,3,"))
