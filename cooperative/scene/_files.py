@@ -139,7 +139,7 @@ class Files:
             raise _not_read(name, remedy)
         return features
 
-    def motion(self, name: str, unit: float | None) -> BaseMotion:
+    def motion(self, name: str, unit: float | None = None) -> BaseMotion:
         """Record of motion of a file, likewise, along x, y and z in its own unit.
 
         Args:
