@@ -28,8 +28,8 @@ def words(results: Results) -> str:
         *(f"  at risk        {line}" for line in at_risk(summary)),
     ]
     for method, other in summary.other_estimates.items():
-        low, high = map(number, other.interval)
-        lines.append(f"  by {method:<20} {number(other.probability)}  ({low} to {high})")
+        ends = " to ".join(map(number, other.interval))
+        lines.append(f"  by {method:<20} {number(other.probability)}  ({ends})")
     if summary.coarse_samples is not None:
         lines.append(
             f"  coarse grid    {summary.coarse_samples} samples; each of those below stands for a zone of ranks"
