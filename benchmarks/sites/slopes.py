@@ -137,7 +137,91 @@ def _published() -> list[Case]:
     return [Case("Published section", 1.142, source, shape, Soil(strength=42e3), (2.0, 1.0))]
 
 
-FAMILIES: tuple[Callable[[], list[Case]], ...] = (_acads, _griffiths_lane, _fredlund_krahn, _submerged, _published)
+def _verification() -> list[Case]:
+    """Slopes by which programs for slices are verified, from their published coordinates.
+
+    The cut of Low (1989) has clay whose strength grows by 3.75 kPa/m, in layers of 0.5 m. The section in feet is drawn
+    both ways.
+    """
+    low = "Low (1989), 10.1061/(ASCE)0733-9410(1989)115:2(211), as verification problem of Slide and xslope"
+    end, fill = 60.0, FrictionalSoil(95e3, 15.0, unit_weight=20e3)
+    banks = Section(_mirrored([(0, 8), (20, 8), (36, 16), (60, 16)], end))
+    over = [Layer(fill, [(0, 8), (end, 8)]), Layer(Soil(20e3, strength=15e3), [(0, 4), (end, 4)])]
+    growing = [*over, *_growing(20e3, 15e3, 3750.0, 4.0, 8, end)]
+    hill = Section([(0, 14), (20, 14), (34, 9), (38, 8), (60, 8)])
+    three = [
+        Layer(Soil(18e3, strength=30e3), [(0, 9), (34, 9), (38, 8), (60, 8)]),
+        Layer(Soil(18e3, strength=20e3), [(0, 5), (60, 5)]),
+        Layer(Soil(18e3, strength=150e3)),
+    ]
+    plain = Section(_mirrored([(0, 5), (5, 5), (15, 10), (25, 10)], 25.0))
+    greco = Section(_mirrored([(0, 40), (60, 40), (180, 100), (200, 100), (260, 70)], 260.0), toe=200.0, crest=80.0)
+    soils = [(49e3, 29.0, 20380.0), (0.0, 30.0, 17640.0), (7840.0, 20.0, 20380.0), (0.0, 30.0, 17640.0)]
+    four = [
+        Layer(FrictionalSoil(c, phi, unit_weight=weight), None if bottom is None else [(0, bottom), (260, bottom)])
+        for (c, phi, weight), bottom in zip(soils, (40, 35, 26, None), strict=True)
+    ]
+    return [
+        Case("Low 1989, clay that grows with depth", 1.14, low, banks, growing, (1.0, 0.5)),
+        Case("Low 1989, three clays", 1.44, low, hill, three, (1.0, 0.5)),
+        Case("Yamagami and Ueta 1988", 1.33, "Yamagami and Ueta (1988); Greco (1996), "
+             "10.1061/(ASCE)0733-9410(1996)122:7(517)", plain, FrictionalSoil(9.8e3, 10.0, unit_weight=17640.0),
+             (0.5, 0.25)),
+        Case("Greco 1996, example 4", 1.40, "Greco (1996), 10.1061/(ASCE)0733-9410(1996)122:7(517)", greco, four,
+             (4.0, 2.0)),
+        *_soft_foundation(),
+        *_two_ways("Silt over sand and clay", 0.762),
+    ]  # fmt: skip
+
+
+def _growing(unit_weight: float, strength: float, rate: float, top: float, count: int, end: float) -> list[Layer]:
+    """Clay from a top (m) down to the base at 0 whose strength (Pa) grows at a rate (Pa/m), in layers of one."""
+    each = top / count
+    return [
+        Layer(
+            Soil(unit_weight, strength=strength + rate * each * (number + 0.5)),
+            None if number == count - 1 else [(0, top - each * (number + 1)), (end, top - each * (number + 1))],
+        )
+        for number in range(count)
+    ]
+
+
+def _soft_foundation() -> list[Case]:
+    """A fill of sand on clay, whose strength grows with depth in one of both."""
+    source, end, psf = "Duncan and Wright (2005), Soil Strength and Slope Stability, Fig. 15.9", 150 * FOOT, 47.880
+    ground = _mirrored([(0, 20 * FOOT), (50 * FOOT, 20 * FOOT), (100 * FOOT, 40 * FOOT), (end, 40 * FOOT)], end)
+    sand = Layer(FrictionalSoil(0.0, 35.0, unit_weight=19636.0), [(0, 20 * FOOT), (end, 20 * FOOT)])
+    return [
+        Case(f"Duncan and Wright 15.9, {rate:g} psf/ft", reference, source, Section(ground),
+             [sand, *_growing(15709.0, 300 * psf, rate * psf / FOOT, 20 * FOOT, count, end)], (2.5 * FOOT, 1.25 * FOOT))
+        for rate, count, reference in ((0.0, 1, 0.75), (15.0, 8, 1.13))
+    ]  # fmt: skip
+
+
+def _two_ways(name: str, reference: float) -> list[Case]:
+    """One slope drawn so that it falls to the right and to the left."""
+    end, source = 97.536, "xslope, input_template_rface6 and lface6; the reference is Spencer's method on circles"
+    surface = [(0, 25.603), (45.72, 25.603), (53.249, 19.507), (62.271, 12.192), (end, 12.192)]
+    soils = [
+        (FrictionalSoil(9576.0, 28.0, unit_weight=20421.0), [(0, 19.507), (53.249, 19.507)]),
+        (FrictionalSoil(4788.0, 32.0, unit_weight=18850.0), [(0, 12.192), (62.271, 12.192), (end, 12.192)]),
+        (FrictionalSoil(19152.0, 27.0, unit_weight=20736.0), None),
+    ]
+    water = [(0, 24.384), (22.86, 24.079), (34.138, 23.165), (42.672, 21.336), (51.816, 18.593), (57.76, 15.85),
+             (62.271, 12.192), (end, 12.192)]  # fmt: skip
+    right = [Layer(soil, line) for soil, line in soils]
+    left = [Layer(soil, None if line is None else _mirrored(line, end)) for soil, line in soils]
+    cells = (end / 48, end / 96)
+    return [
+        Case(f"{name}, to the right", reference, source, Section(surface), right, cells, {"water": water}),
+        Case(f"{name}, to the left", reference, source, Section(_mirrored(surface, end)), left, cells,
+             {"water": _mirrored(water, end)}),
+    ]  # fmt: skip
+
+
+FAMILIES: tuple[Callable[[], list[Case]], ...] = (
+    _acads, _griffiths_lane, _fredlund_krahn, _submerged, _published, _verification,
+)  # fmt: skip
 
 
 def cases() -> list[Case]:

@@ -1,6 +1,6 @@
 """Slopes with known factors of safety, by the limit load: error against cell and seconds.
 
-Eighteen answers of the literature, by strength reduction where published. Each slope is solved on one or two cells,
+Twenty-six answers of the literature, by strength reduction where published. Each slope is solved on one or two cells,
 with the settings that its soil has by default, volumetric strain averaged over cells. The factor is the kink of
 displacement over R (see `jaxmpm.factor_of_safety`). What random soil does to such slopes, Example 2 of Jiang et al.
 (2024) among them, is in `random_slopes`.

@@ -31,8 +31,10 @@ from jaxmpm.laws import WaterTable, declared
 from jaxmpm.run import FactorOfSafety
 from jaxmpm.soil import STANDARD_GRAVITY
 
-APART = 0.05
+APART = 0.02
 """Share by which two factors of safety differ before reasons are given."""
+STRETCHED = 0.03
+"""Share of a slip surface in tension from which on a crack changes the factor."""
 BESIDE = 0.02
 """How far above the factor of the limit load the slope is drawn, over that factor."""
 CELLS_HIGH = 16
@@ -387,12 +389,24 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
     """Why the solver's factor is higher, or lower, than that of limit equilibrium, where they are far apart."""
     if result.difference is None or abs(result.difference) <= APART:
         return
+    higher = result.difference > 0
+    cells = model.campaign.site.height / model.campaign.grids[model.grid].cell
+    reasons = list(_causes(result, model, higher=higher, cells=cells))
+    yield from reasons or [
+        "none of the usual reasons applies: halve cell and spacing, and compare the surface with fos.png"
+    ]
+
+
+def _causes(result: Safety, model: GridModel, *, higher: bool, cells: float) -> Iterator[str]:
+    """Those of `_reasons` that apply. cells: over the height of the slope."""
     campaign, numerics = model.campaign, model.campaign.grids[model.grid]
-    site, higher = campaign.site, result.difference > 0
+    site = campaign.site
     soils = [each.soil for each in site.soils(campaign.soil)]
-    cells = site.height / numerics.cell
-    if higher and cells < CELLS_HIGH:
-        yield f"the slope is {cells:.3g} cells high, and coarse cells resist: halve cell and spacing"
+    assert result.equilibrium is not None
+    slip = result.equilibrium.slip
+    if cells < CELLS_HIGH:
+        resist = ", and coarse cells resist" if higher else ""
+        yield f"the slope is {cells:.3g} cells high{resist}: halve cell and spacing"
     unlocked = model.scene.fbar or model.scene.cell_average
     if higher and not unlocked and any(getattr(soil, "strength", None) is not None for soil in soils):
         yield "clay without a cure of locking resists too much: give the grid cell_average = true"
@@ -414,9 +428,18 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
         yield "the interface softens in the solver, while limit equilibrium has its strength before slip"
     if not higher and any(getattr(soil, "friction", None) and not getattr(soil, "dilation", 0.0) for soil in soils):
         yield "the solver's soil does not dilate by its friction angle, which limit equilibrium takes no account of"
-    assert result.equilibrium is not None
-    if result.equilibrium.slip.thickness < 2 * SHALLOWEST * site.height:
+    opens = any(getattr(soil, "tension_cutoff", None) is not None for soil in soils)
+    if not higher and opens and slip.tension > STRETCHED:
         yield (
-            f"the critical surface is {result.equilibrium.slip.thickness:.2g} m deep, a skin of the face that the "
+            f"{100 * slip.tension:.0f} % of the slip surface, at its crest, bears tension in limit equilibrium, while "
+            "the solver's soil opens a crack there"
+        )
+    if slip.method == "janbu":
+        yield "Janbu's method takes no shear between slices but by its correction"
+    if slip.circle is not None and not result.frictional:
+        yield "in clay limit equilibrium has circles alone, and the solver's soil fails in any shape"
+    if slip.thickness < 2 * SHALLOWEST * site.height:
+        yield (
+            f"the critical surface is {slip.thickness:.2g} m deep, a skin of the face that the "
             f"solver's {failing_volume(campaign):g} m2 of failing soil leaves out"
         )

@@ -136,7 +136,8 @@ class Slip:
         thickness: largest of the mass above it (m).
         method: that gave the factor.
         on_rigid: share of its length that follows rigid ground.
-        pulled: whether more of its base than IN_TENSION would have to be in tension.
+        pulled: whether more of its base with friction than IN_TENSION would have to be in tension.
+        tension: share of its length whose base would have to be in tension.
     """
 
     factor: float
@@ -146,6 +147,7 @@ class Slip:
     method: Method = "spencer"
     on_rigid: float = 0.0
     pulled: bool = False
+    tension: float = 0.0
 
     def mirrored(self) -> Slip:
         """Its mirror image about x = 0."""
@@ -211,6 +213,12 @@ class _Bodies:
     def of(self, which: np.ndarray) -> _Bodies:
         """Those of some surfaces."""
         return _Bodies(**{name: value[which] for name, value in vars(self).items()})
+
+    def stretched(self, factors: np.ndarray) -> np.ndarray:
+        """Share (surfaces,) of each surface whose base is in tension, without shear between slices."""
+        shear = self.cohesion * self.sine / factors[:, None]
+        pulls = self.down - self.buoyant * self.cosine - shear < 0
+        return (self.length * pulls).sum(axis=1) / np.maximum(self.length.sum(axis=1), 1e-12)
 
     def in_tension(self, normal: np.ndarray) -> np.ndarray:
         """Whether too much of each surface would have to pull at its mass, with such effective forces (N/m)."""
@@ -299,7 +307,7 @@ class Slices:
             weights=heavier * np.array([[dry, dry if wet is None else wet] for dry, wet in weights], float),
             strengths=np.array([_strength_of(layer) for layer in layers], float),
             rock=rock,
-            seams=tuple(_seams(x, heights, floor, rock, follow_floor=contact is not None or shape.bedrock is not None)),
+            seams=tuple(_seams(shape, layers, x, heights, floor, rock)),
             contact=None if contact is None else (float(contact.cohesion), float(contact.friction)),
             water=None if water is None else np.asarray(water, float),
             water_weight=WATER_WEIGHT * heavier,
@@ -415,10 +423,11 @@ class Slices:
         bodies = self._bodies(surfaces)
         factors = _solve(bodies, surfaces, method)
         floored = np.maximum(surfaces.z, self.rigid(surfaces.x))
+        tension = bodies.stretched(factors)
         return [
             Slip(
                 float(factor), np.stack([x, z], axis=1), None, float(bodies.thickness[k]), method,
-                float(bodies.on_rigid[k]),
+                float(bodies.on_rigid[k]), tension=float(tension[k]),
             )
             if math.isfinite(factor) else None
             for k, (factor, x, z) in enumerate(zip(factors, surfaces.x, floored, strict=True))
@@ -562,15 +571,21 @@ def _kinks(lines: Sequence[np.ndarray], relief: float) -> np.ndarray:
 
 
 def _seams(
-    x: np.ndarray, heights: np.ndarray, floor: np.ndarray, rock: np.ndarray, *, follow_floor: bool
+    shape: Section,
+    layers: Sequence[Layer],
+    x: np.ndarray,
+    heights: np.ndarray,
+    floor: np.ndarray,
+    rock: np.ndarray,
 ) -> Iterator[np.ndarray]:
-    """Lines (n, 2) m along thin layers of soil, and along rigid ground where that may be a plane of sliding."""
+    """Lines (n, 2) m along thin, weak layers of soil, and along rigid ground where that may be a plane of sliding."""
     relief = np.ptp(heights[0])
     for number, (top, bottom) in enumerate(pairwise(heights)):
         there = top > bottom + ROUNDING
-        if not rock[number] and there.sum() > 1 and (top - bottom).max() < THIN * relief:
+        thin = there.sum() > 1 and (top - bottom).max() < THIN * relief
+        if thin and not rock[number] and shape.thicknesses(layers)[number].weak:
             yield np.stack([x, (top + bottom) / 2], axis=1)[there]
-    if follow_floor or rock.any():
+    if shape.interface is not None or shape.bedrock is not None or rock.any():
         yield np.stack([x, floor], axis=1)
 
 

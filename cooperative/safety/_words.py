@@ -36,6 +36,8 @@ def lines_of_equilibrium(name: str, result: Safety) -> Iterator[str]:
         f"  limit equilibrium  {slip.factor:.3f}  {METHODS[slip.method]}, {shape}, from x = {x0:.3g} to {x1:.3g} m, "
         f"{slip.thickness:.3g} m deep; {result.seconds:.1f} s"
     )
+    if slip.pulled:
+        yield "    part of this surface would be in tension: a crack at the crest may lower the factor further"
     if slip.method != "spencer" and result.frictional:
         yield f"    Spencer's method has no admissible answer on this surface: {METHODS[slip.method]} stands in for it"
 
