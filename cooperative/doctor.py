@@ -26,11 +26,7 @@ _TIMED = "NVIDIA H100"
 """Devices beside the CPU that campaigns have been timed on (docs/published-study.md)."""
 
 
-EXTRAS = {
-    "equilibrium": ("xslope",),
-    "region": ("geopandas", "pyogrio", "pyproj", "shapefile"),
-    "site": ("python_ags4",),
-}
+EXTRAS = {"region": ("geopandas", "pyogrio", "pyproj", "shapefile"), "site": ("python_ags4",)}
 """Modules of each extra that commands ask for."""
 
 

@@ -167,3 +167,84 @@ def test_what_the_scene_has_not_is_named(arguments, message, tmp_path, capsys):
     scene.write_text(example("demo"))
     assert main(["fos", str(scene), "--quick", *arguments]) == 2
     assert re.search(message, capsys.readouterr().err)
+
+
+CERTAIN = """
+name = "certain"
+[ground]
+surface = [[0, 12], [30, 12], [54, 4], [80, 4]]
+[[layer]]
+name = "fill"
+bottom = [[0, 4], [80, 2]]
+unit_weight = 19e3
+young = 2e7
+poisson = 0.3
+cohesion = 8e3
+friction = 28
+[[layer]]
+name = "seam"
+thickness = 0.2
+unit_weight = 19e3
+young = 2e7
+poisson = 0.3
+cohesion = 1e3
+friction = 10
+[[layer]]
+name = "below"
+unit_weight = 19e3
+young = 2e7
+poisson = 0.3
+cohesion = 8e3
+friction = 28
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+[campaign]
+samples = 10
+"""
+"""Nothing varies, and a layer is thinner than a particle."""
+
+
+def test_slices_need_neither_a_grid_nor_anything_random(tmp_path, capsys):
+    scene = tmp_path / "certain.toml"
+    scene.write_text(CERTAIN)
+    assert main(["fos", str(scene), "--quick"]) == 0
+    assert "Spencer's method, a surface of another shape" in capsys.readouterr().out
+    assert json.loads((tmp_path / "certain-fos" / "fos.json").read_text())["limit_equilibrium"]["method"] == "spencer"
+    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
+    assert "nothing in the scene is random" in capsys.readouterr().err
+
+
+def test_the_solver_says_which_layer_it_has_no_cells_for():
+    result = safety.factor_of_safety(parse(CERTAIN))
+    assert result.equilibrium.slip.factor < result.equilibrium.circle.factor
+    assert re.search("the solver gives no factor of safety: .*seam.* 0.2 m thick", result.notes[0])
+
+
+def test_median_soil_is_that_of_the_particles():
+    model = model_of(CUT, "refined")
+    layers, _, strength = _factor._median(model.campaign)
+    particles = _factor._strength(model, _factor._with_soil(model, None))
+    rng = np.random.default_rng(1)
+    clay = model.layer == 1
+    x, z = np.asarray(model.scene.particles.position, float)[:, rng.choice(np.flatnonzero(clay), 50)]
+    number = np.full(x.size, 1)
+    assert np.allclose(strength(x, z, number)[0], particles(x, z, number)[0], rtol=1e-4)
+    assert [each.soil.unit_weight for each in layers] == [19e3, 18e3, 24e3]
+
+
+@pytest.mark.parametrize(
+    ("stable", "fails", "words"),
+    [
+        (1.19, 1.2, "stands at R = 1.19, fails at R = 1.2"),
+        (1.27, 1.3, "slides, but comes to rest again up to R = 1.27"),
+        (1.0, 1.1, "from R = 1.1 on soil moves on"),
+    ],
+)
+def test_words_on_the_limit_load_agree_with_its_bracket(stable, fails, words):
+    solver = FactorOfSafety(stable, fails, ((stable, 0.1), (fails, 2.0)), 1.195, 12.0)
+    [line] = safety.lines_of_solver(safety.Safety("median soil", (), "rough grid", solver=solver))
+    assert words in line
