@@ -376,9 +376,9 @@ def _held(model: GridModel, scene: Scene, state: State) -> Iterator[str]:
     limit = float(diagnostics.exceeded_displacement(scene, state, failing_volume(model.campaign))) / 2
     if limit == 0:
         return
-    particles = (np.asarray(each, float) for each in (scene.particles.position, state.displacement))
+    position, volume = (np.asarray(each, float) for each in (scene.particles.position, scene.particles.volume))
     walls = walls_reached(
-        *particles, np.asarray(scene.particles.volume, float), model.walls, half_size=model.half_size,
+        position, np.asarray(state.displacement, float), volume, model.walls, half_size=model.half_size,
         failure_displacement=limit, within=scene.grid.cell, reach=model.reach, polygon=model.campaign.site.fixed_edge,
     )  # fmt: skip
     if walls:

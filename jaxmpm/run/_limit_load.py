@@ -421,4 +421,5 @@ def lowest_local(
         volume: the least that is a failure.
     """
     slips = [(factor, own) for factor, _, own in tried if factor < below and LOCAL * volume <= own < volume]
-    return min(slips, default=None)
+    lowest = min(slips, default=None)
+    return None if lowest is None else (round(lowest[0], 4), lowest[1])
