@@ -73,7 +73,11 @@ class Slid:
 
 
 def in_range(values: np.ndarray) -> np.ndarray:
-    """Measures (n,) of slides, nan where one is unknown: not finite, or below 0, which no measure is."""
+    """Measures of slides, nan where one is unknown: not finite, or below 0, which no measure is.
+
+    Args:
+        values: of the slides (n,); texts and counts stay as they are.
+    """
     return np.where(np.isfinite(values) & (values >= 0), values, np.nan) if values.dtype.kind == "f" else values
 
 

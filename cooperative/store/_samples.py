@@ -186,8 +186,8 @@ def mixed_versions(grids: Mapping[str, Rows]) -> str:
         return ""
     differ = {name for name in DECIDING if len({dict(each).get(name) for each in made}) > 1}
     parts = []
-    for versions, where in made.items():
-        packages = ", ".join(f"{name} {number}" for name, number in versions if name in differ)
+    for each, where in made.items():
+        packages = ", ".join(f"{name} {number}" for name, number in each if name in differ)
         parts.append(" and ".join(f"{grid} {_ranges(numbers)}" for grid, numbers in where.items()) + f" by {packages}")
     return (
         f"samples were made by several versions, whose rounding differs: {'; '.join(parts)}. Each is whole, and the "
