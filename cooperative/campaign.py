@@ -279,14 +279,15 @@ def _slide_on(
 
     numbers, so_far = known()
     # Without a number of slides all failures of the audit have slid to their end.
-    with runner.bar("slides", so_far.planned, int(so_far.slid.sum())) if plan.slides else nullcontext() as bar:
-        while so_far.wanted:
-            for sample in runner.samples("refined", so_far.wanted, coefficients, slides=True):
-                write_sample(store, SLIDES if sample.number in numbers else "refined", sample)
-                if screened.answer(*sample.result):
-                    bar.update()
-                runner.stop.look()
-            numbers, so_far = known()
+    if plan.slides:
+        with runner.bar("slides", so_far.planned, int(so_far.slid.sum())) as bar:
+            while so_far.wanted:
+                for sample in runner.samples("refined", so_far.wanted, coefficients, slides=True):
+                    write_sample(store, SLIDES if sample.number in numbers else "refined", sample)
+                    if screened.answer(*sample.result):
+                        bar.update()
+                    runner.stop.look()
+                numbers, so_far = known()
     _slide_longer(runner, store, rows, so_far, coefficients)
     for number in numbers:
         restart_path(store.folder, SLIDES, number).unlink(missing_ok=True)

@@ -215,8 +215,8 @@ def risk_of(
     # A slide that broke off has no columns, and one that arrives with a number out of range no known loss.
     usable = np.isfinite(counting["area_columns"])
     for exposed in elements_at_risk:
-        arrival, *came = (counting[f"{what}_at_{exposed.key}"] for what in ("arrival", "thickness", "speed"))
-        usable &= ~np.isfinite(arrival) | np.isfinite(came).all(axis=0)
+        arrival, *measured = (counting[f"{what}_at_{exposed.key}"] for what in ("arrival", "thickness", "speed"))
+        usable &= ~np.isfinite(arrival) | np.isfinite(measured).all(axis=0)
     slid = counting.where(usable)
     if not slid.weight.size and unknown:
         return Risk(dict.fromkeys(element.name for element in elements_at_risk), None)
