@@ -315,7 +315,7 @@ def _audit(replay: _Replay, group: np.ndarray | None = None) -> AuditTotal:
 def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
     """The estimate by its scatter, or by the limit of runs that all ended alike."""
     estimate, alike = _scattered(population, replay, plan, level), replay.alike
-    if replay.waiting and estimate.refined_runs:
+    if replay.waiting:
         whole = replay.waiting + replay.missing.size
         note = f"{replay.waiting} of {whole} runs of the wave under way are back; they count once all are"
         estimate = replace(estimate, notes=(*estimate.notes, note))
