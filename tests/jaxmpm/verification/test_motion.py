@@ -292,7 +292,7 @@ def test_lanes_and_gradient_in_a_box_of_walls_with_friction():
         final, _ = mpm.replay(replace(scene, wall_friction=friction), state, 300)
         return jnp.mean(jnp.sum(final.displacement**2, axis=0))
 
-    friction, h = jnp.asarray([0.1, 0.3, 0.6]), 1e-6
+    friction, h = jnp.asarray([0.1, 0.3, 0.6]), 1e-7  # contacts open and close within 1e-6
     lanes = jax.vmap(reached)(friction)
     np.testing.assert_allclose(lanes, [reached(each) for each in friction], rtol=1e-12)
     assert lanes[0] > lanes[2]
