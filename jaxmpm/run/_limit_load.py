@@ -50,8 +50,8 @@ AROUND = (-0.1, -0.06, -0.03, 0.03, 0.06, 0.09)
 FOLLOWS = 1.5
 """Ratio of slopes up to which displacement grows evenly, and of displacements up to which it does not fall."""
 
-STARTED = 3.0
-"""Elastic displacements from which lanes that grow evenly all move, rather than stand."""
+SURE = 10.0
+"""Sharpness from which a kink is one although no lane has moved so far that it moves for certain."""
 
 ROUNDS, CENTRED = 8, 0.02
 """Rounds of the search, and the largest distance of the kink from the middle of the lanes, over the factor."""
@@ -326,10 +326,12 @@ def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float, re
     for _ in range(ROUNDS):
         factors, displacements = curve(middle * (1 + np.array(AROUND)))
         found = branches(factors, displacements, moves)
-        if found is not None:
-            at = min(max(found[0].meeting, factors[0] * (1 - CENTRED)), factors[-1] * (1 + CENTRED))
+        if not displacements[-1] > moves and (found is None or found[1] < SURE):
+            found, at = None, middle * (1 + AROUND[-1])  # what yields below the limit grows by degrees
+        elif found is None:
+            at = factors[0]
         else:
-            at = factors[0] if displacements[0] > moves / MOVES * STARTED else middle * (1 + AROUND[-1])
+            at = min(max(found[0].meeting, factors[0] * (1 - CENTRED)), factors[-1] * (1 + CENTRED))
         if found is not None and abs(at / middle - 1) < CENTRED:
             break
         middle = at
