@@ -60,6 +60,8 @@ QUANTITIES = {
     "strength_ratio": Quantity("undrained strength over effective vertical stress", r"$S_u/\sigma'_v$", "-"),
     "cohesion": Quantity("cohesion", "$c$", "kPa", 1e3),
     "friction": Quantity("friction angle", r"$\varphi$", "degrees"),
+    "interface_friction": Quantity("friction angle of the interface", r"$\varphi_i$", "degrees"),
+    "interface_cohesion": Quantity("cohesion of the interface", "$c_i$", "kPa", 1e3),
     "dilation": Quantity("dilation angle", r"$\psi$", "degrees"),
     "young": Quantity("Young's modulus", "$E$", "MPa", 1e6),
     "poisson": Quantity("Poisson's ratio", r"$\nu$", "-"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import cast
+from typing import Final, cast
 
 from cooperative.scene import tables
 from cooperative.scene._fields import LIMITS, RandomField, Span
@@ -13,7 +13,7 @@ from cooperative.scene._site import Site
 from jaxmpm import Interface, Section, Terrain
 from jaxmpm.soil import AnySoil
 
-OF_SOIL = "soil"
+OF_SOIL: Final = "soil"
 """Strength of an interface that is that of the soil."""
 
 FIXED = "fixed"

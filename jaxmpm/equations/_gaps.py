@@ -19,8 +19,9 @@ from jax import Array
 from jaxmpm.laws import frictional
 from jaxmpm.types import Scene
 
-NARROW, WIDE = 0.04, 0.85
-"""Gaps, as shares of a cell, up to which soil counts as touching the ground, and that count at most."""
+NARROW, WIDE = 0.02, 0.85
+"""Gaps, as shares of a cell, up to which soil counts as touching the ground, and that count at most. Between the first
+and twice that a gap counts more and more, so that forces do not jump."""
 
 
 class Ground(NamedTuple):
@@ -87,7 +88,7 @@ def gap_of(first: Array, second: Array) -> Array:
     ratio = first / jnp.where(second > 0, second, jnp.inf)
     # Without soil the root is 1, where it has a derivative.
     gap = (1 - jnp.sqrt(jnp.where(ratio > 0, ratio + 2 * ratio**2, 1))) / (1 + ratio)
-    return jnp.where(gap > NARROW, jnp.minimum(gap, WIDE), 0)
+    return jnp.minimum(gap, WIDE) * jnp.clip(gap / NARROW - 1, 0, 1)
 
 
 def closed(

@@ -120,7 +120,9 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     area, volume = _covered(grid, heights, on_base)
     field = volume.reshape(grid.shape)
     # Soil above a node of the base counts as reaching down to it.
-    gap = np.pad(gap_of(field[..., :-1], field[..., 1:]), [(0, 0)] * (grid.dimension - 1) + [(0, 1)]).ravel()
+    gap = np.pad(
+        gap_of(jnp.asarray(field[..., :-1]), jnp.asarray(field[..., 1:])), [(0, 0)] * (grid.dimension - 1) + [(0, 1)]
+    ).ravel()
     volume = volume / (1 - gap) ** 2
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
     return RigidBase(*(jnp.asarray(each) for each in (vectors, area, np.where(area > 0, volume, 1.0))))

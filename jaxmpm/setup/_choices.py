@@ -290,6 +290,7 @@ def check_weight_below_water(scene: Scene) -> None:
     if floats.size:
         worst = floats[np.argmin(heavy[floats])]
         at = ", ".join(f"{x:.4g}" for x in np.asarray(particles.position)[:, worst])
+        assert hasattr(scene.water, "unit_weight")
         weight = float(scene.water.unit_weight) * STANDARD_GRAVITY / down
         raise ValueError(
             f"soil at ({at}) m lies below the water with a unit weight of {heavy[worst] * STANDARD_GRAVITY / down:.5g} "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -156,7 +157,8 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         assert scene.water is not None
         assert hasattr(scene.water, "at_level")
         varied = replace(varied, water=scene.water.at_level(given[WATER_LEVEL]))
-    varied = replace(varied, **{name: given[name] for name in WALL_STRENGTH if name in given})
+    contact: dict[str, Any] = {name: given[name] for name in WALL_STRENGTH if name in given}
+    varied = replace(varied, **contact)
     if not STARTING & given.keys():
         return varied, state
     if not check.admissible(varied):

@@ -91,6 +91,36 @@ def test_gradients_by_the_softening_of_a_base_are_those_of_differences_and_engin
     check_run(travel, scene, (0.5, 0.05), (1e-6, 1e-7), 1e-4)
 
 
+@pytest.mark.usefixtures("x64")
+def test_gradients_by_a_contact_that_differs_at_its_nodes_are_those_of_differences():
+    scene, state = layer(mpm.Interface(20.0, 8e3), 0.5)
+    along = jnp.arange(scene.grid.nodes) // scene.grid.shape[1] / scene.grid.shape[0]
+
+    def travel(scene, friction, cohesion):
+        contact = {"wall_friction": 0.2 + friction * along, "wall_cohesion": cohesion * (1 + along)}
+        return jnp.sum(mpm.advance(replace(scene, **contact), state, 60).displacement[0] ** 2)
+
+    check_run(travel, scene, (0.1, 5e3), (1e-6, 1e-1), 1e-4)
+
+
+def test_a_contact_holds_at_each_node_by_the_strength_there():
+    """A base that is smooth at every second node holds by half of the friction; alike numbers are as one number."""
+    scene, state = layer(mpm.Interface(20.0, 8e3), 0.5)
+    nodes = jnp.ones(scene.grid.nodes)
+    same, _ = mpm.with_soil(scene, state, wall_friction=scene.wall_friction * nodes, wall_cohesion=8e3 * nodes)
+    one, each = (mpm.advance(given, state, 60).displacement for given in (scene, same))
+    assert np.allclose(one, each, rtol=1e-5)
+    every_second = (jnp.arange(scene.grid.nodes) // scene.grid.shape[1]) % 2
+    speeds = []
+    for friction in (0.4 * every_second, 0.2):
+        contact, _ = mpm.with_soil(scene, state, wall_friction=friction, wall_cohesion=0.0)
+        speeds.append(float(jnp.mean(mpm.advance(contact, state, 200).velocity[0])))
+    assert speeds[0] == pytest.approx(speeds[1], rel=0.03)
+    assert speeds[1] == pytest.approx((0.5 - 0.2) * 9.81 * 200 * float(scene.time_step), rel=0.01)
+    with pytest.raises(ValueError, match=r"wall_cohesion has shape \(3,\): give a number or \(\d+,\)"):
+        mpm.with_soil(scene, state, wall_cohesion=jnp.ones(3))
+
+
 @pytest.mark.parametrize("opened", [1.5, 3.0])
 def test_soil_that_has_opened_has_the_cohesion_of_its_base_and_no_more(opened):
     scene, state = layer(mpm.Interface(0.0, 8e3), 0.4)
