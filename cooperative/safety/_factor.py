@@ -252,7 +252,10 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
                     continue
                 here = number == layer
                 top = field.trend_from
-                if isinstance(top, str):
+                before = site.layers[layer].before(places[here]) if site.layers and top == "layer" else None
+                if before is not None:
+                    top = before
+                elif isinstance(top, str):
                     top = np.interp(places[here], x, heights[layer if top == "layer" else 0])
                 median = float(field.distribution.transform(jnp.zeros(())))
                 numbers[known[name], here] = median * field.grown(np.maximum(top - z[here], 0.0))

@@ -12,6 +12,7 @@ from cooperative.scene._campaign import Campaign
 from cooperative.scene._fields import RandomField
 from foundation.text import shown
 from jaxmpm import FrictionalSoil, Raster, ground
+from jaxmpm.ground import as_section
 
 TOP = 0.95
 """Share of the height of the ground from which on an element at risk stands at the crest."""
@@ -54,6 +55,7 @@ def remarks(campaign: Campaign) -> Iterator[str]:
     ]
     yield from _unresolved(fields, campaign.refined.cell)
     yield from _of_sizes(campaign)
+    yield from _of_cuts(campaign)
     yield from _of_levels(campaign)
     yield from _of_dilation(campaign)
     yield from _of_gaps(campaign)
@@ -113,6 +115,29 @@ def _of_levels(campaign: Campaign) -> Iterator[str]:
             f"levels of {each} samples in each of {replicates} replicates: in trials P_f came out too high by 100 % "
             f"with 20, 35 % with 50, 20 % with 100 and 9 % with {LEVEL}; give samples = {LEVEL * replicates:,} or more"
         )
+
+
+def _of_cuts(campaign: Campaign) -> Iterator[str]:
+    """Trends that count from the top of a layer, where the surface has cut it."""
+    site, shape = campaign.site, as_section(campaign.site.shape)
+    if shape is None or not site.layers:
+        return
+    x, heights = shape.boundaries([each.layer for each in site.layers])
+    for number, layer in enumerate(site.layers):
+        names = [name for name, field in layer.random.items() if field.trend and field.trend_from == "layer"]
+        cut = (heights[number] >= heights[0] - 1e-6) & (heights[number] > heights[number + 1] + 1e-6)
+        falls = float(np.ptp(heights[0][cut])) if cut.any() else 0.0
+        if names and layer.top is None and falls > OUTCROP * ground.relief(shape):
+            first, last = x[cut][[0, -1]]
+            yield (
+                f"{layer.label} lies at the surface from x = {first:.4g} to {last:.4g} m, over {falls:.3g} m of "
+                f"height, and the trend of its {names[0]} counts from there: if the slope is a cut, give the layer's "
+                "top before it (top = its elevation)"
+            )
+
+
+OUTCROP = 0.1
+"""Height over which a layer lies at the surface, over that of the ground, from which on a face cuts it."""
 
 
 def _of_dilation(campaign: Campaign) -> Iterator[str]:

@@ -33,6 +33,7 @@ class SiteLayer:
         rock: whether it is rock, whose strength no load of a slope reaches.
         own: parameters whose field stops at the layer, independent of all others; those of the rest go through all
             layers.
+        top: elevation (m), or points (x, z) m, of its top before a cut, None for its top as drawn.
     """
 
     name: str
@@ -40,6 +41,15 @@ class SiteLayer:
     random: Mapping[str, RandomField]
     rock: bool
     own: tuple[str, ...] = ()
+    top: float | tuple[tuple[float, float], ...] | None = None
+
+    def before(self, x: np.ndarray) -> np.ndarray | None:
+        """Height (n,) m of its top before a cut at x (n,) m; None where that is its top as drawn."""
+        if self.top is None:
+            return None
+        return (
+            np.full(np.shape(x), self.top) if isinstance(self.top, int | float) else np.interp(x, *np.array(self.top).T)
+        )
 
     @property
     def label(self) -> str:
@@ -221,7 +231,10 @@ class Site:
             numerics: of the grid on which the layers lie.
         """
         at, top = np.asarray(points, float), np.asarray(field.trend_from)
-        if field.trend_from == "layer" and numerics is not None:
+        before = self.layers[layer].before(at[0]) if self.layers and field.trend_from == "layer" else None
+        if before is not None:
+            top = before
+        elif field.trend_from == "layer" and numerics is not None:
             top = ground.top_of(self.shape, self._bare, layer, at, numerics)
         elif isinstance(field.trend_from, str):
             top = self.shape.heights(*at[:-1])

@@ -83,8 +83,17 @@ def soils_of(
             raise ValueError(f"[{where}]: {error}") from error
         bottom = cast(Raster | None, table.raster) if table.bottom is None else table.bottom
         layer = Layer(own, bottom, table.depth, table.thickness)
-        layers.append(SiteLayer(table.name or where, layer, varies, table.rock, stops))
+        layers.append(SiteLayer(table.name or where, layer, varies, table.rock, stops, _top_of(table, scene, where)))
     return soil, random, tuple(layers)
+
+
+def _top_of(table: tables.Layer, scene: tables.Scene, where: str) -> float | tuple[tuple[float, float], ...] | None:
+    """A layer's top before a cut; ValueError for points of it in 3D."""
+    if table.top is None or isinstance(table.top, int | float):
+        return table.top
+    if scene.ground is None:
+        raise ValueError(f"[{where}]: top is a line, which is for a scene with [ground]: give its elevation (m)")
+    return tuple((float(x), float(z)) for x, z in table.top)
 
 
 def _soil_of(

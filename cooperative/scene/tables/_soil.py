@@ -14,6 +14,7 @@ from cooperative.scene.tables._key import (
     F,
     Length,
     Line,
+    Metres,
     OrTable,
     Raster,
     Rows,
@@ -246,6 +247,13 @@ class Layer(_SoilOfLayer):
     )
     depth: Length | None = key("Instead, depth of the boundary below the surface.", 3.0, None)
     thickness: Length | None = key("Instead, thickness of the layer.", 2.0, None)
+    top: Metres | Line | None = key(
+        'Its top before a cut, an elevation or points: where `trend_from = "layer"` counts from. Without it that is '
+        "its top as drawn, which in a cut is the face.",
+        5.0,
+        None,
+        otherwise="its top as drawn",
+    )
     rock: bool = key("Whether it is rock, which does not yield.", True, False)
 
     @validates(mode="after")
