@@ -251,7 +251,7 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
                 if not isinstance(field, RandomField) or not hasattr(layers[layer].soil, name):
                     continue
                 here = number == layer
-                top = field.trend_from
+                top: str | float | np.ndarray = field.trend_from
                 before = site.layers[layer].before(places[here]) if site.layers and top == "layer" else None
                 if before is not None:
                     top = before

@@ -126,7 +126,8 @@ def critical_surface(slices: Slices) -> Critical:
     if np.trapezoid((slices.heights[0] - slices.floor) * (slices.x - middle), slices.x) > 0:
         found = critical_surface_of(slices.mirrored())
         circle = None if found.circle is None else found.circle.mirrored()
-        return Critical(circle if found.slip is found.circle else found.slip.mirrored(), circle, found.surfaces)
+        slip = circle if circle is not None and found.slip is found.circle else found.slip.mirrored()
+        return Critical(slip, circle, found.surfaces)
     return critical_surface_of(slices)
 
 
@@ -206,7 +207,8 @@ def _circle_of(trials: _Trials, numbers: np.ndarray, methods: list[Method]) -> S
     for method in methods:
         [slip] = trials.slices.slips(_only(surfaces, there), method)
         if slip is not None:
-            return replace(slip, circle=Circle(*map(float, surfaces.centres[0]), float(radii[0])))
+            x, z = surfaces.centres[0].tolist()
+            return replace(slip, circle=Circle(x, z, float(radii[0])))
     return None
 
 

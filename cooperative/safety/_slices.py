@@ -83,7 +83,7 @@ def _strength_of(layer: Layer) -> tuple[float, float]:
     """Cohesion (Pa) and friction angle (degrees) of a layer; ValueError for soil that has neither."""
     soil = layer.soil
     if isinstance(soil, Soil):
-        return soil.strength or 0.0, 0.0
+        return float(soil.strength or 0.0), 0.0
     if hasattr(soil, "cohesion") and hasattr(soil, "friction"):
         return float(soil.cohesion), float(soil.friction)
     kind = type(soil).__name__
@@ -182,7 +182,7 @@ class _Bodies:
         length: of a base (m).
         down: vertical force (N/m).
         along: horizontal force (N/m).
-        overturning: moment of the horizontal force about the middle of the base, towards +x (N).
+        overturning: moment of the horizontal force about the middle of the base, towards +x (N m/m).
         cohesion: force (N/m).
         tangent: of the friction angle.
         buoyant: force of the pore pressure on the base (N/m).
@@ -409,7 +409,8 @@ class Slices:
 
     def _ends_of(self, circle: Circle) -> np.ndarray | None:
         """Ends (2,) m on the ground of the longest part of a circle's lower half that lies in the ground."""
-        x = np.linspace(*np.clip([circle.x - circle.radius, circle.x + circle.radius], self.x[0], self.x[-1]), 4001)
+        left, right = max(circle.x - circle.radius, self.x[0]), min(circle.x + circle.radius, self.x[-1])
+        x = np.linspace(left, right, 4001)
         arc = circle.z - np.sqrt(np.maximum(circle.radius**2 - (x - circle.x) ** 2, 0))
         inside = np.r_[False, arc < self.ground(x), False].astype(int)
         begins, stops = np.flatnonzero(np.diff(inside) == 1), np.flatnonzero(np.diff(inside) == -1) - 1
