@@ -97,7 +97,7 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
 
 def _cell(value: object) -> object:
     """A cell that no spreadsheet computes."""
-    if not isinstance(value, str) or not value.startswith(("=", "+", "-", "@", "\t", "\r")):
+    if not isinstance(value, str) or value == "-" or not value.startswith(("=", "+", "-", "@", "\t", "\r")):
         return value
     try:
         float(value)

@@ -32,7 +32,13 @@ from cooperative.estimate._twophase import failures, next_audit, path, sample_we
 
 @dataclass(frozen=True)
 class Audited(Budgeted):
-    """Base of an estimator whose refined runs are an audit of its first phase, with the given waves."""
+    """Base of an estimator whose refined runs are an audit of its first phase, with the given waves.
+
+    Args:
+        refined_runs: budget, None for the usual one.
+        target_cov: coefficient of variation at which to stop before the budget is spent, None for none.
+        seed: of the draws.
+    """
 
     growth: ClassVar[float] = AuditPlan.growth
     proving: ClassVar[int] = AuditPlan.proving

@@ -20,9 +20,9 @@ def risk(thickness):
     columns = {
         "area_columns": np.ones(20), "mode": np.full(20, "deep"), "sample": np.arange(20.0),
         f"thickness_at_{HOUSE.key}": thickness, f"speed_at_{HOUSE.key}": np.where(arrived, 1.0, np.nan),
-        f"arrival_at_{HOUSE.key}": np.where(arrived, 9.0, np.nan),
+        f"arrival_at_{HOUSE.key}": np.where(arrived, 9.0, np.nan), f"ground_at_{HOUSE.key}": np.zeros(20),
     }  # fmt: skip
-    return risk_of([HOUSE], PLAIN, Slid(columns, np.ones(20)), CutOff(20, 20, 0, 60.0), unknown=False)
+    return risk_of([HOUSE], PLAIN, Slid(columns, np.ones(20)), CutOff(20, 20, 0, 60.0), 1.0, unknown=False)
 
 
 def words(known):

@@ -175,7 +175,7 @@ def as_json_has_them():
     st.register_type_strategy(Mapping, lambda kind: st.dictionaries(*map(st.from_type, kind.__args__), max_size=3))
     above_zero, runs = st.floats(0.5, 3.0), st.integers(1, 1000)
     st.register_type_strategy(Calibration, st.builds(Calibration, above_zero, above_zero))
-    st.register_type_strategy(LimitLoad, st.builds(LimitLoad, above_zero, above_zero, st.none() | above_zero))
+    st.register_type_strategy(LimitLoad, st.builds(LimitLoad, above_zero, above_zero, above_zero))
     st.register_type_strategy(Budget, st.builds(Budget, runs, runs))
     yield
     st.register_type_strategy(float, st.floats())

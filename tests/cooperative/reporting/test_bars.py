@@ -49,6 +49,7 @@ def test_the_log_goes_on_tells_an_early_end_and_is_no_link(tmp_path):
     elsewhere.write_text("theirs")
     (tmp_path / "cut" / "samples").mkdir(parents=True)
     (tmp_path / "cut" / "scene.toml").write_text(AUDITED)
+    (tmp_path / "cut" / "campaign.json").write_text("{}")
     (tmp_path / "cut" / "progress.log").symlink_to(elsewhere)
 
     def stop(phase):

@@ -38,12 +38,11 @@ def raster(heights, corner):
 
 
 @st.composite
-def strengths(draw, axes):
-    """The table of a random strength."""
+def strengths(draw, axes, own_field=False):
+    """The table of a random strength; one that stops at a layer has no values measured below it."""
     length = [float(draw(st.sampled_from([20.0, 12.5, 1e9]))) for _ in range(axes - 1)] + [3.5]
-    own = draw(
-        st.sampled_from(["", ", trend = 1.5e3, trend_from = 0.123", ', marginal = "gumbel"', ', boreholes = "cu.csv"'])
-    )
+    kinds = ["", ", trend = 1.5e3, trend_from = 0.123", ', marginal = "gumbel"']
+    own = draw(st.sampled_from(kinds if own_field else [*kinds, ', boreholes = "cu.csv"']))
     return f"{{ mean = 30e3, cov = {draw(PARTS) / 2 + 0.1}, length = {length}{own} }}"
 
 
@@ -78,7 +77,7 @@ def scenes(draw):
         drawn = f"level = {{ mean = 2.5, sd = {0.1 + part} }}" if not more else "r_u = 0.1"
         water += [f"level = {2 + part}", drawn, f"depth = {6 + other}", "r_u = 0.25"]
         lower = draw(st.sampled_from([f"depth = {1 + part}", f"thickness = {1 + part}"]))
-        own = draw(st.sampled_from(["", f"strength = {draw(strengths(axes))}\n"]))
+        own = draw(st.sampled_from(["", f"strength = {draw(strengths(axes, own_field=True))}\n"]))
         layer = draw(st.sampled_from(["", f'[[layer]]\nname = "fill"\n{lower}\n{own}[[layer]]\nname = "clay"\n']))
         more += draw(st.sampled_from(["", *(f"[water]\n{each}\n" for each in water)]))
     soil = f"[soil]\nunit_weight = 20e3\nyoung = 2e7\npoisson = 0.3\nstrength = {strength}\n"
