@@ -183,7 +183,8 @@ def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = s
     made_up = {
         runs.random_soil: random_soil, REAL_COEFFICIENTS: coefficients_of, runs.build: build,
         runs.run_samples: timed, runs.keep_initial: keep_nothing, runs.keep_ground: keep_nothing,
-        runs.keep_drawn: keep_nothing, runs.ground_of: ground_of, runs.soil_of: soil_of, factors_of_safety: measure,
+        runs.keep_drawn: keep_nothing, runs.verify_initial: keep_nothing,
+         runs.ground_of: ground_of, runs.soil_of: soil_of, factors_of_safety: measure,
     }  # fmt: skip
     for module in [module for name, module in sys.modules.items() if name.split(".")[0] == "cooperative"]:
         for real, substitute in made_up.items():

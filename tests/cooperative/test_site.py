@@ -231,7 +231,7 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
         write_site(beside, tmp_path / "other", raster)
     abroad = replace(beside, soundings=(replace(beside.soundings[0], x=12.0, projection="EPSG:32631"),))
     projected = replace(read_raster(raster), projection="EPSG:28992")
-    with pytest.raises(ValueError, match=r"UTM zone 31N.* and .*hill.asc is in .*RD New.*: project"):
+    with pytest.raises(ValueError, match=r"UTM zone 31N.* and .*hill.asc in .*RD New.*: project"):
         _check_inside(abroad, raster, projected)
     text = (tmp_path / "cpt.csv").read_text().replace("\n99,8,3,", "\n12,8,13,")
     (tmp_path / "above.csv").write_text(text)

@@ -113,13 +113,14 @@ def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
     assert asked == [7.5, 3.2]
 
 
-def test_a_folder_of_before_counts_any_particle(tmp_path):
+def test_a_stored_limit_load_is_checked_like_a_scenes(tmp_path):
     with open_store(tmp_path, PLASTIC) as store:
-        (tmp_path / "limit_load.json").write_text('{"factor": 1.1, "displacement": 0.3}')
+        load = '{"factor": 1.1, "displacement": 0.3, "volume": 3.0}'
+        (tmp_path / "measured.json").write_text(f'{{"limit_load": {load}}}')
         campaign = campaign_of(store)
-    assert (campaign.run.failure_displacement, campaign.failing_volume) == (0.3, None)
-    (tmp_path / "limit_load.json").write_text('{"factor": 1.1, "displacement": -1}')
-    with pytest.raises(ValueError, match=r"limit_load\.json holds no limit load .*delete it to measure it again"):
+    assert (campaign.run.failure_displacement, campaign.failing_volume) == (0.3, 3.0)
+    (tmp_path / "measured.json").write_text(f'{{"limit_load": {load.replace("0.3", "-1")}}}')
+    with pytest.raises(ValueError, match=r"measured\.json holds no numbers .*displacement = -1.*measure it again"):
         campaign_of(read_store(tmp_path))
 
 
@@ -127,10 +128,10 @@ def test_what_does_not_go_with_it_is_refused():
     both = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nfailure_displacement = 0.5")
     with pytest.raises(ValueError, match="failure_displacement has no effect beside failure = 'limit load'"):
         parse(both)
-    table = "\n[limit_load]\nfactor = 1.1\ndisplacement = 0.3\n"
+    table = "\n[limit_load]\nfactor = 1.1\ndisplacement = 0.3\nvolume = 3.0\n"
     with pytest.raises(ValueError, match=r"table \[limit_load\] without"):
         parse(TINY + table)
-    other = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nleast_volume = 7.5") + table + "volume = 3.0\n"
+    other = PLASTIC.replace("t_end = 4.0", "t_end = 4.0\nleast_volume = 7.5") + table
     with pytest.raises(ValueError, match=r"least_volume = 7\.5 and \[limit_load\] volume = 3\.0 differ"):
         parse(other)
     for volume, message in (

@@ -206,13 +206,13 @@ def test_rows_written_before_modes_were_stored_still_read(tiny_campaign):
     ],
 )
 def test_stored_factors_of_safety_are_checked_like_a_scenes(tmp_path, content):
-    (tmp_path / "calibration.json").write_text(content)
-    with pytest.raises(ValueError, match=r"calibration\.json holds no two factors of safety .*delete it"):
+    (tmp_path / "measured.json").write_text(f'{{"calibration": {content}}}')
+    with pytest.raises(ValueError, match=r"measured\.json holds no numbers that were measured .*delete it"):
         stored_measured(tmp_path)
 
 
 def test_stored_factors_of_safety_are_read_from_a_file_alone(tmp_path):
-    os.mkfifo(tmp_path / "calibration.json")
+    os.mkfifo(tmp_path / "measured.json")
     with pytest.raises(ValueError, match="no regular file"):
         stored_measured(tmp_path)
 

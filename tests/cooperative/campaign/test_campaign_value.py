@@ -37,6 +37,7 @@ from cooperative import (
     runs,
 )
 from cooperative.folder import read_results
+from cooperative.reporting._sentences import probability
 from cooperative.scene import Given, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, of_words, source_checksum, source_of_value
 from tests.cooperative.effects.test_exposed import HAZARD
@@ -159,7 +160,7 @@ def test_it_runs_goes_on_and_is_reported_from_its_folder_alone(done):
     assert run(SHORT, folder) == summary
     assert run(read_store(folder).source, folder) == summary
     assert campaign_of(read_store(folder)) == replace(SHORT, measured=campaign_of(read_store(folder)).measured)
-    assert f"{summary.probability_of_failure:.3f}" in report(folder)
+    assert probability(summary.estimate) in report(folder)
 
 
 def test_the_folder_of_another_campaign_is_refused(done):
@@ -228,7 +229,7 @@ def test_ground_of_ones_own_is_reported_drawn_and_exported_from_the_folder_alone
     np.testing.assert_allclose(z, np.interp(x, [0, 8, 16, 32], [8, 8, 0, 0]), atol=1e-3)
     assert ground.walls == ((0, 0.0, "roller"), (0, 32.0, "roller"))
     assert isinstance(campaign_of(read_store(tmp_path)).site.shape, Given)
-    assert f"{summary.probability_of_failure:.3f}" in report(tmp_path)
+    assert probability(summary.estimate) in report(tmp_path)
     drawn = {number for _, number in read_results(tmp_path).soils()}
     others = {0, 1} - drawn
     with warnings.catch_warnings(record=True) as caught:

@@ -83,6 +83,7 @@ def test_a_sweep_over_paths_compares_and_goes_on_where_it_was(tmp_path, made_up)
     assert json.loads((tmp_path / "out" / "sweep.json").read_text()) == result
     rows = (tmp_path / "out" / "sweep.csv").read_text().splitlines()
     assert [row.split(",")[:2] for row in rows[1:]] == [
+        ["base", "base"],
         *([["run.k_h", at] for at in ("0", "0.1", "0.2")]),
         ["scenario", "steep"],
     ]

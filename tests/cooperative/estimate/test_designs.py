@@ -123,8 +123,9 @@ def test_a_scene_names_estimators_and_gives_them_what_they_take():
     assert set(ESTIMATORS) == {"two-phase", "published", "control variate", "monte carlo", "subset"}
     assert named_estimator("two-phase", {"seed": 3, "k_t": 8, "levels": None}) == TwoPhase(k_t=8, seed=3)
     assert named_estimator("published", {"seed": 3, "k_t": 8}) == Published(8)
-    # A scene had to give k_t whatever the estimator.
-    assert named_estimator("subset", {"seed": 3, "k_t": 8, "levels": 2}) == Subset(levels=2, seed=3)
+    assert named_estimator("subset", {"seed": 3, "k_t": None, "levels": 2}) == Subset(levels=2, seed=3)
+    with pytest.raises(ValueError, match=r"k_t = 8 is for estimator = .*, not 'subset': leave it out"):
+        named_estimator("subset", {"k_t": 8})
     with pytest.raises(ValueError, match="lacks k_t"):
         named_estimator("published", {"k_t": None})
     with pytest.raises(ValueError, match=r"replicates = 2 is for estimator = 'subset', not 'two-phase'"):
