@@ -96,8 +96,8 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
 
 
 def _cell(value: object) -> object:
-    """A cell that no spreadsheet computes."""
-    if not isinstance(value, str) or value == "-" or not value.startswith(("=", "+", "-", "@", "\t", "\r")):
+    """A cell that no spreadsheet computes; a dash alone is the unit of a share and no formula."""
+    if value == "-" or not isinstance(value, str) or not value.startswith(("=", "+", "-", "@", "\t", "\r")):
         return value
     try:
         float(value)

@@ -114,7 +114,7 @@ def test_no_cell_of_a_table_is_a_formula_and_every_text_stays(texts):
     assert [cell.removeprefix("'") for cell in cells] == [text.removeprefix("'") for text in texts]
     for cell in cells:
         assert not cell.startswith(("=", "@", "\t")) or is_number(cell)
-        assert not cell.startswith(("+", "-")) or is_number(cell)
+        assert not cell.startswith(("+", "-")) or is_number(cell) or cell == "-"
 
 
 def is_number(text):
@@ -125,7 +125,7 @@ def is_number(text):
 
 
 def test_numbers_of_a_table_stay_numbers():
-    assert csv_text([["-1.5", -2.0, "+3", "-1e-3", "=1", "-x"]]) == "-1.5,-2.0,+3,-1e-3,'=1,'-x\n"
+    assert csv_text([["-1.5", -2.0, "+3", "-1e-3", "=1", "-x", "-"]]) == "-1.5,-2.0,+3,-1e-3,'=1,'-x,-\n"
 
 
 @given(st.text(st.sampled_from("$ab\\{}_^ %"), max_size=12))
