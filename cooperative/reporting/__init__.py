@@ -7,10 +7,9 @@ from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._plots import draw_particles, quantity, save
 from cooperative.reporting._progress import progress_of, watched, words
-from cooperative.reporting._tables import consolidate, write_table
+from cooperative.reporting._tables import write_table
 
 __all__ = [
-    "consolidate",
     "draw",
     "draw_particles",
     "export",

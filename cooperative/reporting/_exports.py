@@ -1,4 +1,4 @@
-"""A campaign for other programs: tables, one file of all, series of particles for ParaView, maps."""
+"""A campaign for other programs: a table, series of particles for ParaView, maps, netCDF."""
 
 from __future__ import annotations
 
@@ -13,15 +13,8 @@ from cooperative.estimate import Estimator
 from cooperative.folder import known_summary, models_of, read_results, stored_ground
 from cooperative.hazard import Maps, maps_of
 from cooperative.reporting._dataset import write_geotiff, write_netcdf
-from cooperative.reporting._map_files import (
-    MissingLibrary,
-    write_ascii,
-    write_contours,
-    write_geopackage,
-    write_notice,
-    write_tidy,
-)
-from cooperative.reporting._tables import consolidate, rows_of, write_table
+from cooperative.reporting._map_files import write_geopackage, write_notice, write_tidy
+from cooperative.reporting._tables import rows_of, write_table
 from cooperative.runs import (
     GridModel,
     SampleSoil,
@@ -38,7 +31,7 @@ from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, rea
 from foundation.files import remove_leftovers
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 
-DEFAULT = ("table", "hdf5", "particles", "maps")
+DEFAULT = ("table", "particles", "maps")
 KINDS = (*DEFAULT, "geotiff", "geopackage", "netcdf")
 IN_PLAN = ("geotiff", "geopackage")
 """Kinds of maps that a section does not have."""
@@ -52,17 +45,16 @@ def export(
     Kinds of files:
 
     - "table": `table.csv`, a line for each run, see `write_table`;
-    - "hdf5": `campaign.h5`, every sample with its arrays;
     - "particles": `series/refined-000123.vtkhdf` for ParaView, of each sample whose fields are stored: its particles at
       the start and at the end;
-    - "maps": `maps/hazard.csv`, and in plan `maps/*.asc` and contours as `maps/*.geojson`, of a scene with hazard maps;
+    - "maps": `maps/hazard.csv`, of a scene with hazard maps;
     - "geotiff": `maps/*.tif`, of a scene in 3D with hazard maps, by rioxarray (extra "exports");
     - "geopackage": `maps/hazard.gpkg`, contours and deposits, likewise, by geopandas (extra "region");
     - "netcdf": `campaign.nc`, by xarray and h5netcdf (extra "exports").
 
     Args:
         folder: of the campaign.
-        kinds: any of these, None for the first four, which need no extra.
+        kinds: any of these, None for the first three, which need no extra.
         estimator: the one that `cooperative.campaign.run` was given, where it was given one, see `write_table`.
 
     Yields:
@@ -88,8 +80,6 @@ def export(
         warnings.warn(f"{why}: left out", stacklevel=2)
     if "table" in kinds:
         yield write_table(store, ground=ground, estimator=estimator)
-    if "hdf5" in kinds:
-        yield consolidate(store, ground=ground)
     if {"maps", *IN_PLAN, "netcdf"} & {*kinds}:
         known = asked or known_summary(store, rows, estimator) is not None
         results = read_results(folder, estimator) if known and ("netcdf" in kinds or ground.hazard) else None
@@ -134,17 +124,12 @@ def _of_maps(ground: StoredGround, store: Store, maps: Maps, kinds: Sequence[str
     """The files of hazard maps."""
     if "maps" in kinds:
         yield write_tidy(store.folder, maps)
-        yield from write_notice(store.folder, maps)
-        if ground.dimension == 3:
-            yield from write_ascii(store.folder, ground, maps)
-            try:
-                yield from write_contours(store.folder, ground, maps)
-            except MissingLibrary as error:
-                warnings.warn(f"no contours: {error}", stacklevel=2)
     if "geotiff" in kinds:
         yield from write_geotiff(store.folder, ground, maps)
     if "geopackage" in kinds:
         yield from write_geopackage(store.folder, ground, maps)
+    if {"maps", *IN_PLAN} & {*kinds}:
+        yield from write_notice(store.folder, maps)
 
 
 def export_sample(folder: str | Path, number: int, grid: str = "refined", *, frames: int | None = None) -> Path:

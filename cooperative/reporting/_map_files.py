@@ -1,13 +1,10 @@
-"""Hazard maps as files that need no extra: one table, ASCII grids, contours as GeoJSON."""
+"""Hazard maps as one table, and as a GeoPackage."""
 
 from __future__ import annotations
 
-import io
-import json
 import re
 import warnings
-from collections.abc import Callable, Iterator
-from importlib import import_module
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +13,10 @@ from contourpy import contour_generator
 from cooperative.hazard import COVERED, Maps
 from cooperative.runs import StoredGround
 from cooperative.store import own_folder
+from foundation.extras import extra
 from foundation.files import aside, write_aside
 from foundation.text import csv_text
 
-NODATA = -9999.0
 CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Levels of the contours of probabilities."""
 TENTHS = (1, 2, 4, 6, 8)
@@ -27,25 +24,10 @@ TENTHS = (1, 2, 4, 6, 8)
 LIMITS = ("value", "low", "high")
 
 
-class MissingLibrary(ValueError):
-    """A library of an extra is not installed.
-
-    Args:
-        library: its name for pip.
-        what: file that needs it.
-    """
-
-    def __init__(self, library: str, what: str) -> None:
-        super().__init__(f"{what} needs {library}, which is not installed: pip install {library}")
-
-
 def require(what: str, *libraries: str) -> None:
-    """Raise MissingLibrary for one that is not installed."""
+    """Raise ValueError for a library that is not installed."""
     for library in libraries:
-        try:
-            import_module(library)
-        except ImportError as error:
-            raise MissingLibrary(library, what) from error
+        extra(library, f"{what} needs {library}, which is not installed")
 
 
 def maps_path(folder: Path, name: str) -> Path:
@@ -75,77 +57,15 @@ def write_tidy(folder: Path, maps: Maps) -> Path:
     return _written(folder, "hazard.csv", csv_text(rows))
 
 
-def write_ascii(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
-    """Write ESRI ASCII grids in plan, `maps/reached.asc` with `-low` and `-high` for its limits, and so for each map.
-
-    Args:
-        folder: of the campaign.
-        ground: of the campaign; where it has a projection, each grid has it in a file of its own (`.prj`).
-        maps: in plan.
-
-    Yields:
-        Path of each file.
-    """
-    (west, *_), (south, *_) = (edges + start for edges, start in zip(maps.edges, ground.origin, strict=True))
-    for name, chances in maps.maps.items():
-        for limit in LIMITS:
-            values = getattr(chances, limit)
-            lines = [f"ncols {values.shape[0]}", f"nrows {values.shape[1]}", f"xllcorner {float(west)!r}"]
-            lines += [f"yllcorner {float(south)!r}", f"cellsize {maps.plan.cell!r}", f"NODATA_value {NODATA:g}"]
-            rows = np.where(np.isfinite(values), values, NODATA).T[::-1]
-            text = io.StringIO()
-            np.savetxt(text, rows, "%.9g", header="\n".join(lines), comments="")
-            file = key(name) + ("" if limit == "value" else f"-{limit}")
-            yield _written(folder, f"{file}.asc", text.getvalue())
-            if ground.projection is not None:
-                yield _written(folder, f"{file}.prj", ground.projection)
-
-
-def write_contours(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
-    """Write contours of each map's value between the centres of its columns, `maps/reached.geojson` and so on.
-
-    Args:
-        folder: of the campaign.
-        ground: of the campaign. Where it has a projection, contours are in longitude and latitude (RFC 7946, Section
-            4), which needs rasterio (extra "terrain"); else in the scene's own metres, as the file notes.
-        maps: in plan.
-
-    Yields:
-        Path of each file.
-
-    Raises:
-        MissingLibrary: rasterio is needed and not installed.
-    """
-    project = (lambda points: points) if ground.projection is None else _to_degrees(ground, ground.projection)
-    for name, chances in maps.maps.items():
-        features = [
-            {
-                "type": "Feature",
-                "properties": {"map": name, "value": height, "unit": maps.units[name]},
-                "geometry": {"type": "MultiLineString", "coordinates": [project(line).tolist() for line in lines]},
-            }
-            for height, lines in _contours(maps, chances.value, maps.units[name])
-        ]
-        whole: dict[str, object] = {"type": "FeatureCollection", "name": name, "features": features}
-        if maps.moving:
-            whole["at_least"] = at_least(maps)
-        if ground.projection is None:
-            whole["coordinates_are"] = "metres of the scene: it has no projection"
-        yield _written(folder, f"{key(name)}.geojson", json.dumps(whole))
-
-
 def write_notice(folder: Path, maps: Maps) -> Iterator[Path]:
     """Write `maps/AT_LEAST.txt` where slides had not come to rest; tables and rasters have no room for such a note."""
     if maps.moving:
-        yield _written(folder, "AT_LEAST.txt", f"{at_least(maps)}\n")
-
-
-def at_least(maps: Maps) -> str:
-    """A sentence for maps of slides that would have gone on."""
-    return (
-        f"{maps.moving} of {maps.slides} slides had not come to rest when they ended at {maps.until:g} s, so the maps "
-        "give least values."
-    )
+        yield _written(
+            folder,
+            "AT_LEAST.txt",
+            f"{maps.moving} of {maps.slides} slides had not come to rest when they ended at {maps.until:g} s, so the "
+            "maps give least values.\n",
+        )
 
 
 def key(name: str) -> str:
@@ -171,23 +91,6 @@ def _contours(maps: Maps, values: np.ndarray, unit: str) -> Iterator[tuple[float
             yield float(height), lines
 
 
-def _to_degrees(ground: StoredGround, projection: str) -> Callable[[np.ndarray], np.ndarray]:
-    """From points (n, 2) m of the scene to longitude and latitude."""
-    require("GeoJSON of a scene with a projection", "rasterio")
-    from rasterio.warp import transform
-
-    def placed(points: np.ndarray) -> np.ndarray:
-        x, y = (points + np.asarray(ground.origin)).T
-        try:
-            return np.stack(transform(projection, "EPSG:4326", x.tolist(), y.tolist()), axis=1)
-        except ValueError as error:
-            raise ValueError(
-                f"the projection of [terrain] surface cannot be read ({error}): give a file with another, or none"
-            ) from error
-
-    return placed
-
-
 def _written(folder: Path, name: str, text: str) -> Path:
     path = maps_path(folder, name)
     write_aside(path, text.encode())
@@ -209,7 +112,7 @@ def write_geopackage(folder: Path, ground: StoredGround, maps: Maps) -> Iterator
         Path of the file.
 
     Raises:
-        MissingLibrary: geopandas or pyogrio is not installed.
+        ValueError: geopandas or pyogrio is not installed.
     """
     require("a GeoPackage", "geopandas", "pyogrio")
     import geopandas

@@ -1,20 +1,19 @@
-"""A campaign in one file: a table for people, and one HDF5 file with every sample."""
+"""A campaign as a table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from cooperative.estimate import Estimator
 from cooperative.folder import known_summary, stored_ground
 from cooperative.runs import StoredGround, rows_reader, samples_of
 from cooperative.scene import campaign_of
-from cooperative.store import GRIDS, Rows, Store, fill_sample, read_sample
+from cooperative.store import GRIDS, Rows, Store
 from cooperative.values import Summary
-from foundation import files, hdf5
+from foundation import files
 from foundation.text import csv_text
 
 
@@ -77,32 +76,6 @@ def tables_of(rows: Mapping[str, Rows], summary: Summary | None) -> dict[str, di
             values = [None if each is None else getattr(each, name) for each in known]
             tables["refined"][name] = np.array([np.nan if each is None else each for each in values], float)
     return tables
-
-
-def consolidate(store: Store, path: str | Path | None = None, *, ground: StoredGround | None = None) -> Path:
-    """Write all verified samples into one HDF5 file, `campaign.h5` in the campaign's folder by default.
-
-    The scene is the attribute `scene`; each sample is a group `rough/000123` or `refined/000123` with what was read of
-    its own file; `tables/rough/...` are the columns of the rows. One sample is in memory at a time.
-
-    Args:
-        store: of the campaign.
-        path: of the file, None for `campaign.h5` in the campaign's folder.
-        ground: as for `write_table`.
-
-    Raises:
-        OSError: the disk refuses; what was there before stays.
-    """
-    path = store.folder / "campaign.h5" if path is None else Path(path)
-    with hdf5.hdf5_aside(path) as file:
-        file.attrs["scene"] = store.source.words
-        for grid, rows in rows_of(store, ground).items():
-            for name, values in rows.columns.items():
-                text = values.dtype.kind == "U"
-                file[f"tables/{grid}/{name}"] = values.astype(h5py.string_dtype()) if text else values
-            for number in rows.numbers:
-                fill_sample(file.create_group(f"{grid}/{number:06d}"), store, grid, read_sample(store, grid, number))
-    return path
 
 
 def _cell(column: np.ndarray | None, at: int) -> object:

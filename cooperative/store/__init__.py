@@ -20,7 +20,6 @@ named, set aside and counted as not done.
 
 from cooperative.store._disk import (
     check_frames,
-    fill_sample,
     read_rows,
     read_sample,
     restart_path,
@@ -59,7 +58,6 @@ __all__ = [
     "Source",
     "Store",
     "check_frames",
-    "fill_sample",
     "lock_holder",
     "mixed_versions",
     "open_store",

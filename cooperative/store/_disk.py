@@ -98,21 +98,14 @@ def write_sample(store: Store, grid: str, sample: Sample, *, longer: bool = Fals
         raise ValueError(f"{store.folder} is open for reading: use open_store to write {path.name}")
     if os.path.lexists(path) and not longer:
         raise ValueError(f"{path} is finished already: results are never overwritten, delete it to redo it")
-    hdf5.write_sealed(path, KIND, SCHEMA, lambda file: fill_sample(file, store, grid, sample))
+    hdf5.write_sealed(path, KIND, SCHEMA, lambda file: _fill(file, store, grid, sample))
     _add_to_index(store, grid, stamp_of(path), sample.record)
     restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
     return path
 
 
-def fill_sample(group: h5py.Group, store: Store, grid: str, sample: Sample) -> None:
-    """Write a sample into an empty group, as its own file has it.
-
-    Args:
-        group: empty.
-        store: the campaign's folder.
-        grid: "rough" or "refined".
-        sample: to be written.
-    """
+def _fill(group: h5py.Group, store: Store, grid: str, sample: Sample) -> None:
+    """Write a sample into an empty group."""
     group.attrs.update(
         schema=SCHEMA,
         scene=store.digest,

@@ -136,7 +136,7 @@ class Folder(RuleBasedStateMachine):
         for path in generator.sample(self.samples(), generator.randint(1, min(5, len(self.samples())))):
             path.unlink()
 
-    @rule(name=st.sampled_from(["summary.json", ".lock", "table.csv", "campaign.h5", "samples/rough"]))
+    @rule(name=st.sampled_from(["summary.json", ".lock", "table.csv", "samples/rough"]))
     def something_else_is_deleted(self, name):
         path = self.folder / name
         if path.is_dir() and not any(path.iterdir()):

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
 
@@ -157,15 +156,13 @@ def test_durations_are_written_as_people_write_them(seconds, text):
     assert duration(seconds) == text
 
 
-def test_export_writes_the_table_the_file_and_the_series(tiny_campaign, capsys):
+def test_export_writes_the_table_and_the_series(tiny_campaign, capsys):
     folder, _ = tiny_campaign
     assert main(["export", str(folder)]) == 0
     written = capsys.readouterr().out.split()
     refined = read_rows(read_store(folder), "refined").numbers
-    assert {f"{folder}/table.csv", f"{folder}/campaign.h5"} <= set(written)
-    assert len(written) == 2 + 6 + len(refined)
-    with h5py.File(folder / "campaign.h5") as file:
-        assert len(file["refined"]) == len(refined)
+    assert f"{folder}/table.csv" in written
+    assert len(written) == 1 + 6 + len(refined)
     sample = read_sample(read_store(folder), "refined", refined[0])
     times, steps = vtk_steps(folder / "series" / f"refined-{refined[0]:06d}.vtkhdf")
     assert times[0] == 0
@@ -193,7 +190,7 @@ def test_export_runs_a_sample_again_for_its_moments(tiny_campaign, capsys):
 def test_fields_that_were_not_stored_are_named(tiny_campaign, tmp_path, capsys):
     with open_store(tmp_path / "bare", TINY) as store:
         write_sample(store, "rough", replace(read_sample(read_store(tiny_campaign[0]), "rough", 1), fields={}))
-    assert len(list(exports.export(tmp_path / "bare"))) == 2
+    assert len(list(exports.export(tmp_path / "bare"))) == 1
     assert main(["export", str(tmp_path / "bare"), "--sample", "1", "--grid", "rough"]) == 2
     assert "[campaign] fields" in capsys.readouterr().err
 

@@ -4,9 +4,7 @@ import json
 import sys
 import tomllib
 from dataclasses import replace
-from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 
@@ -15,7 +13,6 @@ from benchmarks.robustness.invented import TERRAIN
 from cooperative import hazard
 from cooperative.__main__ import main
 from cooperative.reporting import _dataset as dataset
-from cooperative.reporting import _exports
 from cooperative.reporting import _map_files as map_files
 from cooperative.reporting._exports import export
 from cooperative.scene import parse, to_toml
@@ -77,24 +74,13 @@ def maps(plain):
 @pytest.fixture(scope="module")
 def files(plain):
     """What is written of the scene without a projection."""
-    return {path.name: path for path in export(plain, ["table", "hdf5", "maps"])}
+    return {path.name: path for path in export(plain, ["table", "maps"])}
 
 
 @pytest.fixture(scope="module")
 def site():
     """That of the scene with a projection."""
     return parse(scene_of(UTM)).site
-
-
-def test_ascii_grids_hold_the_maps_where_they_lie(tmp_path, site, maps):
-    written = {path.name: path for path in map_files.write_ascii(tmp_path, site, maps)}
-    raster = mpm.read_raster(written["reached.asc"])
-    np.testing.assert_allclose(raster.heights, maps.maps["reached"].value, rtol=1e-8)
-    assert raster.corner == (maps.edges[0][0] + 0.5 + ORIGIN[0], maps.edges[1][0] + 0.5 + ORIGIN[1])
-    assert (raster.step, raster.projection) == (1.0, UTM)
-    arrival = mpm.read_raster(written["arrival.asc"]).heights
-    assert np.array_equal(np.isnan(arrival), np.isnan(maps.maps["arrival"].value))
-    assert np.isnan(arrival).any()
 
 
 def test_geotiff_is_read_by_rasterio(tmp_path, site, maps):
@@ -133,28 +119,12 @@ def test_geopackage_holds_contours_and_deposits_where_they_lie(tmp_path, site, m
     west, south, east, north = contours.total_bounds
     assert maps.edges[0][0] < west - ORIGIN[0] < east - ORIGIN[0] < maps.edges[0][-1]
     assert maps.edges[1][0] < south - ORIGIN[1] <= north - ORIGIN[1] < maps.edges[1][-1]
-
-
-def test_contours_are_where_the_probability_passes_their_value(files, maps):
-    whole = json.loads(files["reached.geojson"].read_text())
-    assert "no projection" in whole["coordinates_are"]
-    assert [each["properties"]["value"] for each in whole["features"]] == [0.01, 0.02, 0.05, 0.1, 0.2]
-    likely, x = maps.maps["reached"].value[:, 0], map_files.middle(maps.edges[0])
-    for feature in whole["features"]:
-        for line in feature["geometry"]["coordinates"]:
-            along = np.array(line)[:, 0]
-            np.testing.assert_allclose(np.interp(along, x, likely), feature["properties"]["value"], atol=1e-12)
-
-
-def test_contours_with_a_projection_are_in_degrees(tmp_path, site, maps, files):
-    pytest.importorskip("rasterio", reason="the extra terrain is not installed")
-    placed = {path.name: path for path in map_files.write_contours(tmp_path, site, maps)}
-    degrees, metres = (json.loads(written["reached.geojson"].read_text()) for written in (placed, files))
-    (lon, lat), (x, y) = (each["features"][0]["geometry"]["coordinates"][0][0] for each in (degrees, metres))
-    # The meridian of the zone is 15 degrees east; a degree of longitude is 76 km here.
-    assert lon == pytest.approx(15 + x / (111_320 * np.cos(np.radians(46.95))), abs=2e-6)
-    assert lat == pytest.approx(46.95, abs=0.05)
-    assert y < 9
+    # The plane tilts along x alone, and a contour lies where the probability passes its value.
+    reached, x = contours[contours["map"] == "reached"], map_files.middle(maps.edges[0]) + ORIGIN[0]
+    assert reached["value"].tolist() == [0.01, 0.02, 0.05, 0.1, 0.2]
+    for line in reached.itertuples():
+        along = line.geometry.geoms[0].xy[0]
+        np.testing.assert_allclose(np.interp(along, x, maps.maps["reached"].value[:, 0]), line.value, atol=1e-9)
 
 
 def test_tables_are_read_by_pandas(files, maps):
@@ -191,6 +161,7 @@ def test_the_campaign_is_read_by_xarray(plain, maps):
 @pytest.mark.parametrize(
     ("library", "kind", "message"),
     [
+        ("pyogrio", "geopackage", r"a GeoPackage needs pyogrio.*pip install pyogrio"),
         ("rioxarray", "geotiff", r"GeoTIFF needs rioxarray.*pip install rioxarray"),
         ("xarray", "netcdf", r"campaign.nc needs xarray.*pip install xarray"),
         ("h5netcdf", "netcdf", r"campaign.nc needs h5netcdf.*pip install h5netcdf"),
@@ -202,39 +173,32 @@ def test_what_is_not_installed_is_named_with_its_remedy(library, kind, message, 
         list(export(plain, [kind]))
 
 
-def test_without_rasterio_all_but_the_contours_is_there(tmp_path, site, maps, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rasterio", None)
-    ground = SimpleNamespace(dimension=3, origin=site.origin, projection=site.projection)
-    store = SimpleNamespace(folder=tmp_path)
-    with pytest.warns(UserWarning, match="no contours: GeoJSON of a scene with a projection needs rasterio"):
-        written = {path.suffix for path in _exports._of_maps(ground, store, maps, ["maps"])}
-    assert written == {".csv", ".asc", ".prj"}
-
-
 def test_what_the_campaign_does_not_have_is_refused(plain, tmp_path, capsys):
     bare = scene_of(None).replace("[hazard]", "")
     with open_store(tmp_path / "bare", bare) as store:
         write_sample(store, "refined", sample_of(plain, 7))
     assert main(["export", str(tmp_path / "bare"), "--as", "geotiff"]) == 2
     assert "has no hazard maps to export: give [hazard]" in capsys.readouterr().err
-    with pytest.raises(ValueError, match="'gis' is no kind of export: give one of table, hdf5"):
-        list(export(plain, ["gis"]))
+    with pytest.raises(ValueError, match="'hdf5' is no kind of export: give one of table, particles, maps, geotiff"):
+        list(export(plain, ["hdf5"]))
     assert main(["export", str(plain), "--as", "table", "--sample", "1"]) == 2
     assert "leave out --sample" in capsys.readouterr().err
 
 
 def test_samples_with_arrays_of_another_grid_are_left_out_of_every_file_and_named(plain, tmp_path):
+    xarray = pytest.importorskip("xarray", reason="the extra exports is not installed")
+    pytest.importorskip("h5netcdf", reason="the extra exports is not installed")
     text = read_store(plain).source.words
     with open_store(tmp_path / "c", text) as store:
         for number in (0, 7):
+            write_sample(store, "rough", read_sample(read_store(plain), "rough", number))
             write_sample(store, "refined", sample_of(plain, number))
         spoilt = replace(sample_of(plain, 1), fields={"column_deposit": np.zeros((2, 2))})
         write_sample(store, "refined", spoilt)
     with pytest.warns(UserWarning, match=r"000001\.h5 holds column_deposit of shape \(2, 2\).*left out"):
-        written = {path.name: path for path in export(tmp_path / "c", ["table", "hdf5"])}
-
-    with h5py.File(written["campaign.h5"]) as file:
-        assert sorted(file["refined"]) == ["000000", "000007"]
+        written = {path.name: path for path in export(tmp_path / "c", ["table", "netcdf"])}
+    with xarray.open_dataset(written["campaign.nc"]) as data:
+        assert data.sample.values.tolist() == [0, 7]
     assert written["table.csv"].read_text().count("\nrefined,") == 2
 
 
@@ -251,7 +215,6 @@ def test_a_projection_goes_with_the_scene(tmp_path):
 
 
 def sample_of(folder, number):
-
     return read_sample(read_store(folder), "refined", number)
 
 
@@ -262,8 +225,6 @@ def test_maps_of_slides_that_had_not_come_to_rest_say_at_least(tmp_path, plain, 
     (notice,) = map_files.write_notice(tmp_path, moving)
     text = "3 of 4 slides had not come to rest when they ended at 20 s, so the maps give least values."
     assert (notice.name, notice.read_text()) == ("AT_LEAST.txt", f"{text}\n")
-    written = {path.name: path for path in map_files.write_contours(tmp_path, parse(scene_of(None)).site, moving)}
-    assert json.loads(written["reached.geojson"].read_text())["at_least"] == text
     with open_store(tmp_path / "moving", (plain / "scene.toml").read_text()) as store:
         for grid in ("rough", "refined"):
             for number in range(10):

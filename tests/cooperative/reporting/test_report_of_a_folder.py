@@ -170,8 +170,8 @@ def arrays(path):
 def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, done, monkeypatch):
     folder = copied(done, tmp_path / "c")
     drawn = [(grid, number) for grid, number in read_results(folder).soils() if grid == "refined"]
-    kinds = ["table", "hdf5", "maps"]
-    whole = {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"}
+    kinds = ["table", "maps"]
+    whole = {path: path.read_bytes() for path in export(folder, kinds)}
     series = {number: arrays(export_sample(folder, number)) for _, number in drawn}
 
     def refused(*_, **__):
@@ -181,7 +181,7 @@ def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, do
         monkeypatch.setattr(f"cooperative.{module}.campaign_of", refused)
     monkeypatch.setattr(runs, "build", refused)
     monkeypatch.setattr("cooperative.reporting._exports.build", refused)
-    assert {path: path.read_bytes() for path in export(folder, kinds) if path.suffix != ".h5"} == whole
+    assert {path: path.read_bytes() for path in export(folder, kinds)} == whole
     assert "weight" in (folder / "table.csv").read_text().splitlines()[0].split(",")
     # The random soil of a sample that a report draws is in the folder, too.
     assert all(alike(arrays(export_sample(folder, number)), series[number]) for _, number in drawn)

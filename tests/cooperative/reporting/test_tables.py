@@ -1,18 +1,17 @@
-"""The campaign in one table and in one file."""
+"""The campaign in one table."""
 
 import csv
 import subprocess
 import sys
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
 
-from cooperative.reporting import consolidate, write_table
+from cooperative.reporting import write_table
 from cooperative.runs import build, random_soil
 from cooperative.scene import parse
-from cooperative.store import open_store, read_sample, read_store, sample_path, write_sample
+from cooperative.store import open_store, read_store, write_sample
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.store.test_store import sample
 
@@ -29,23 +28,6 @@ def test_the_table_has_a_line_per_sample_and_grid(tmp_path):
     assert [(line["grid"], line["sample"]) for line in lines] == [("rough", "0"), ("rough", "1"), ("refined", "1")]
     assert float(lines[2]["displacement"]) == sample(1).row["displacement"]
     assert lines[0]["mode"] == "deep"
-
-
-def test_the_one_file_holds_what_the_many_hold(tmp_path):
-    with open_store(tmp_path, SCENE) as store:
-        write_sample(store, "rough", sample(4))
-        write_sample(store, "rough", sample(2))
-        sample_path(store, "rough", 9).write_bytes(b"broken")
-        with pytest.warns(UserWarning, match=r"000009\.h5 is not a cooperative sample file"):
-            path = consolidate(store)
-        with h5py.File(path) as file:
-            assert file.attrs["scene"] == store.source.words == SCENE
-            assert sorted(file["rough"]) == ["000002", "000004"]
-            np.testing.assert_array_equal(file["tables/rough/sample"], [2, 4])
-            assert file["tables/rough/mode"].asstr()[0] == "deep"
-            np.testing.assert_array_equal(file["rough/000004/fields/displacement"], sample(4).fields["displacement"])
-        np.testing.assert_array_equal(read_sample(store, "rough", 4).coefficients, sample(4).coefficients)
-        consolidate(store)
 
 
 def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(tmp_path):
@@ -78,8 +60,6 @@ def test_samples_that_the_scene_does_not_have_are_in_no_export(tmp_path):
     store = read_store(tmp_path)
     with open(write_table(store), newline="") as file:
         assert [line["sample"] for line in csv.DictReader(file)] == ["3"]
-    with h5py.File(consolidate(store)) as file:
-        assert list(file["rough"]) == ["000003"]
 
 
 def test_a_table_that_cannot_be_written_is_named(tmp_path):

@@ -48,8 +48,8 @@ def test_what_a_killed_export_left_is_removed_by_the_next_one(tiny_campaign, tmp
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     parts = {
-        "dead": folder / f".campaign.h5.{ended.pid}.part",
-        "running": folder / f".campaign.h5.{os.getpid()}.part",
+        "dead": folder / f".campaign.nc.{ended.pid}.part",
+        "running": folder / f".campaign.nc.{os.getpid()}.part",
         "writing elsewhere": folder / f".table.csv.{ended.pid}.part",
         "of a series": folder / "series" / f".rough-000001.vtkhdf.{ended.pid}.part",
     }
