@@ -19,12 +19,12 @@ from typing import Any, TypeVar
 import jax.numpy as jnp
 import numpy as np
 
+from cooperative.laboratory import read_rows
 from cooperative.scene import tables
 from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import shift_of
 from cooperative.scene._shaking import AXES
 from cooperative.scene._vector import Feature, read_features
-from cooperative.soundings import read_rows
 from foundation import check
 from foundation.text import shown
 from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster

@@ -1,6 +1,7 @@
 """Soundings and laboratory values of a site: read, checked, and made into parameters of soil."""
 
-from cooperative.soundings._files import read_files, read_rows
+from cooperative.laboratory import Measured, SiteError, Values
+from cooperative.soundings._files import read_files
 from cooperative.soundings._interpretation import (
     FEWEST,
     FRICTION,
@@ -19,7 +20,7 @@ from cooperative.soundings._interpretation import (
     thinned,
     types_of,
 )
-from cooperative.soundings._sounding import Measured, SiteError, Sounding, Values
+from cooperative.soundings._sounding import Sounding
 
 __all__ = [
     "FEWEST",
@@ -39,7 +40,6 @@ __all__ = [
     "kind_between",
     "proposed_layers",
     "read_files",
-    "read_rows",
     "require_elevations",
     "strength_of",
     "thinned",

@@ -14,7 +14,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cooperative.soundings._sounding import Record, SiteError, Values, in_si, numbers, one_number
+from cooperative.laboratory import SiteError, Values, in_si, numbers
+from cooperative.soundings._sounding import Record, one_number
 from foundation.files import read_given
 from foundation.table import MOST_BYTES, decoded, number
 

@@ -10,29 +10,31 @@ from pathlib import Path
 
 import numpy as np
 
-from cooperative.soundings._dutch import read_bro, read_gef
-from cooperative.soundings._sounding import (
+from cooperative.laboratory import (
+    PARAMETERS,
+    POSITION,
     Measured,
-    Record,
     SiteError,
-    Sounding,
     Values,
     in_si,
-    known_units,
+    known_names,
+    measured_of,
     numbers,
-    one_number,
-    sounding_of,
+    one_text,
+    read_columns,
 )
+from cooperative.soundings._dutch import read_bro, read_gef
+from cooperative.soundings._sounding import Record, Sounding, one_number, sounding_of
 from foundation import check
 from foundation.extras import extra
 from foundation.files import read_given
-from foundation.table import MOST_BYTES, Table, decoded, read_table
-from foundation.text import printable, shown
+from foundation.table import MOST_BYTES, decoded
+from foundation.text import shown
 
 Contents = tuple[list[Record], list[Measured]]
 
 CONE = {
-    "depth": ("length", ("depth", "d", "depth_below_surface", "scpt_dpth")),
+    "depth": POSITION["depth"],
     "length": ("length", ("penetration", "penetration_length", "sounding_length")),
     "inclination": ("angle", ("inclination", "incl", "inclination_resultant")),
     "cone": ("stress", ("qc", "q_c", "cone", "cone_resistance", "tip", "tip_resistance", "scpt_res")),
@@ -43,32 +45,10 @@ CONE = {
     "area_ratio": ("", ("area_ratio", "net_area_ratio", "a", "alpha", "scpg_car")),
 }
 """Columns of a sounding: quantity, and the names that a CSV may give them."""
-POSITION = {
-    "name": ("", ("name", "sounding", "id", "test", "location", "loca_id")),
-    "x": ("length", ("x", "easting", "distance", "chainage")),
-    "y": ("length", ("y", "northing")),
-    "top": ("length", ("top", "surface", "surface_elevation", "ground_level", "z_surface")),
-    "z": ("length", ("z", "elevation", "level")),
-    "water": ("length", ("water", "water_table", "water_depth", "groundwater", "gwl")),
-    "predrilled": ("length", ("predrilled", "predrilled_depth", "pre-drilled")),
-    "datum": ("", ("datum", "vertical_datum")),
-    "projection": ("", ("projection", "crs", "epsg", "coordinate_system")),
-}
-DEGREES = ("lat", "latitude", "lon", "long", "longitude")
-"""Columns of a position that is none in metres."""
 FARTHEST = 20e3
 """Distance (m) from the middle of a site from which on a position is wrong."""
 UNSET = 1e3
 """Distance (m) from the others from which on a position of 0, 0 was never set."""
-PARAMETERS = {
-    "strength": ("stress", ("strength", "su", "s_u", "cu", "c_u", "undrained_strength", "undrained_shear_strength")),
-    "cohesion": ("stress", ("cohesion", "c", "c_eff")),
-    "friction": ("angle", ("friction", "phi", "friction_angle", "phi_eff")),
-    "unit_weight": ("weight", ("unit_weight", "gamma", "bulk_unit_weight")),
-    "young": ("stress", ("young", "e", "young_modulus", "e50")),
-}
-"""Columns of laboratory values: the parameter of a scene's soil, its quantity, and names."""
-_COLUMNS = CONE | POSITION | PARAMETERS
 
 
 def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) -> tuple[list[Sounding], list[Measured]]:
@@ -288,106 +268,19 @@ def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, 
 
 
 def _csv(path: Path, units: Mapping[str, str]) -> Contents:
-    """Soundings, or laboratory values, in columns named by the first row, each with its unit in brackets."""
-    read = read_table(path)
-    if not read.rows:
-        raise SiteError(f"{path} has no rows below its header: give one row for each reading")
-    columns = _columns(path, read, units)
-    cells = {name: [row[column] for row in read.rows] for name, (column, _) in columns.items()}
-    texts = {name: np.array(cells[name]) for name in ("datum", "projection") if name in cells}
-    names = np.array(cells.get("name", [path.stem] * len(read.rows)))
-    table = {
-        name: numbers(f"{path}: {name}", cells[name]) * columns[name][1]
-        for name in columns
-        if name not in ("name", "datum", "projection")
-    }
-    gap = np.full(len(names), math.nan)
+    """Soundings, or laboratory values, in columns."""
+    table, texts = read_columns(path, CONE | POSITION | PARAMETERS, units)
     if "cone" in table or "total" in table:
         if "depth" not in table and "length" not in table:
             raise SiteError(f"{path} has cone resistances but no column depth [m]: add it")
         if unused := sorted({*PARAMETERS, "z"} & table.keys()):
             check.warn(f"{path} is a sounding, whose columns {', '.join(unused)} are not read")
+        names = texts["name"]
         return [_of_rows(path, table | texts, name, names == name) for name in dict.fromkeys(names.tolist())], []
-    given = [name for name in PARAMETERS if name in table]
-    if not given:
-        known = ", ".join(f"{name} ({' or '.join(words[:3])})" for name, (_, words) in (CONE | PARAMETERS).items())
+    if not PARAMETERS.keys() & table.keys():
+        known = known_names(CONE | PARAMETERS)
         raise SiteError(f"{path} has no column of a sounding or of the laboratory: name one of {known}")
-    if "z" not in table and not {"top", "depth"} <= table.keys():
-        raise SiteError(f"{path} has no column z [m], nor top [m] and depth [m]: add the elevation of each value")
-    z = table["z"] if "z" in table else table["top"] - table["depth"]
-    if "x" not in table:
-        raise SiteError(f"{path} has no column x [m]: add the position of each value")
-    y = table.get("y", gap)
-    placed = np.isfinite(table["x"]) & np.isfinite(z) & (np.isfinite(y) | np.isnan(y).all())
-    measured: list[Measured] = []
-    for name in given:
-        valid = placed & (table[name] > 0)
-        if dropped := int(np.isfinite(table[name]).sum() - valid.sum()):
-            check.warn(
-                f"{path}: {dropped} values of {name} are left out, which have no position or are not above 0: correct "
-                "them, or leave such cells empty"
-            )
-        projection = _one_text(path, "projection", texts.get("projection"))
-        at = table["x"][valid], y[valid], z[valid]
-        measured.append(Measured(str(path), name, *at, table[name][valid], projection))
-    return [], measured
-
-
-def read_rows(path: Path) -> list[list[float]]:
-    """Rows of position and value of a CSV of laboratory or borehole values, for a scene.
-
-    Args:
-        path: of a CSV with the columns x, y in 3D, z, and one parameter.
-
-    Returns:
-        Rows [x, z, value] or [x, y, z, value], in SI units and degrees; rows with a gap are left out.
-
-    Raises:
-        SiteError: a file without these columns, or without rows.
-    """
-    if not path.is_file():
-        raise SiteError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
-    _, measured = _csv(path, {})
-    if len(measured) != 1:
-        raise SiteError(f"{path} has {len(measured)} columns of parameters: a field has values of one, leave one")
-    (only,) = measured
-    flat = bool(np.isnan(only.y).all())
-    table = np.stack([only.x, only.z, only.value] if flat else [only.x, only.y, only.z, only.value], axis=1)
-    valid = np.isfinite(table).all(axis=1)
-    if not valid.any():
-        raise SiteError(f"{path} has no row with a position and a value above 0: every row is a gap")
-    return table[valid].tolist()
-
-
-def _columns(path: Path, read: Table, units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
-    """Number of each known column in a row, and what its numbers are multiplied by."""
-    columns: dict[str, tuple[int, float]] = {}
-    unknown: list[str] = []
-    if not read.header:
-        raise SiteError(f"{path} has no row of headings: name its columns, such as x [m], top [m], depth [m], qc [MPa]")
-    for column, (cell, word) in enumerate(zip(read.header, read.names, strict=False)):
-        unit = read.units[column]
-        plain = word.strip().lower().replace(" ", "_")
-        if plain in DEGREES:
-            raise SiteError(f"{path}: the column {shown(cell)} has degrees: give x [m] and y [m] of a national grid")
-        name = next((name for name, (_, words) in _COLUMNS.items() if plain == name or plain in words), None)
-        if name is None:
-            unknown += [shown(cell)] if cell.strip() else []
-            continue
-        if name in columns:
-            raise SiteError(f"{path} has two columns of {name}: {shown(cell)} is the second, leave one out")
-        quantity = _COLUMNS[name][0]
-        unit = unit or units.get(plain) or units.get(name)
-        if quantity and not unit:
-            known = known_units(quantity)
-            raise SiteError(
-                f"{path}: the column {shown(cell)} has no unit: write {cell.strip()} [{known.split(', ')[0]}] in the "
-                f"header, or give --units {plain}=UNIT with one of {known}"
-            )
-        columns[name] = column, in_si(f"{path}: column {shown(cell)}", unit, quantity) if quantity and unit else 1.0
-    if unknown:
-        check.warn(f"{path}: unknown columns are not read: {', '.join(unknown)}")
-    return columns
+    return [], measured_of(path, table, texts)
 
 
 def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, mine: np.ndarray) -> Record:
@@ -402,20 +295,12 @@ def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, mine: np.nd
 
     columns = {key: table[key][mine] for key in CONE if key in table}
     datum, projection = (
-        _one_text(path, key, table[key][mine] if key in table else None) for key in ("datum", "projection")
+        one_text(path, key, table[key][mine] if key in table else None) for key in ("datum", "projection")
     )
     return Record(
         file=str(path), name=name, columns=columns, x=one("x"), y=one("y"), top=one("top"), datum=datum,
         projection=projection, water=one("water"), predrilled=one("predrilled"),
     )  # fmt: skip
-
-
-def _one_text(path: Path, key: str, column: np.ndarray | None) -> str | None:
-    """The one text of a column, None where there is none."""
-    values = {printable(each.strip()) for each in (() if column is None else column) if each.strip()}
-    if len(values) > 1:
-        raise SiteError(f"{path} has several {key}: {', '.join(sorted(values)[:3])}; give one")
-    return values.pop() if values else None
 
 
 _READERS: Mapping[str, Callable[[Path, Mapping[str, str]], Contents]] = {

@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from cooperative.soundings._sounding import SiteError, Sounding, Values
+from cooperative.laboratory import SiteError, Values
+from cooperative.soundings._sounding import Sounding
 from foundation.text import shown
 from jaxmpm.ground import WATER_WEIGHT
 

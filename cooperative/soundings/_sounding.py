@@ -1,47 +1,20 @@
-"""What a cone penetration test or a laboratory measured, in SI units, and the checks of both."""
+"""What a cone penetration test measured, in SI units, and its checks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
+from cooperative.laboratory import SiteError, Values, numbers
 from foundation import check
-from foundation.table import LENGTHS, number, plain_unit
+from foundation.table import number
 from foundation.text import printable, shown
 
-Values = npt.NDArray[np.float64]
-
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "length": LENGTHS,
-        "stress": {
-            "pa": 1.0, "kpa": 1e3, "mpa": 1e6, "n/m2": 1.0, "kn/m2": 1e3, "mn/m2": 1e6, "n/mm2": 1e6, "bar": 1e5,
-            "tsf": 95760.518, "psf": 47.880259, "ksf": 47880.259, "psi": 6894.757,
-            **dict.fromkeys(("kgf/cm2", "kg/cm2"), 98066.5), **dict.fromkeys(("tf/m2", "t/m2"), 9806.65),
-        },
-        "angle": {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "°": 1.0},
-        "weight": {
-            "n/m3": 1.0, "kn/m3": 1e3, "mn/m3": 1e6, **dict.fromkeys(("pcf", "lb/ft3", "lbf/ft3"), 157.08746),
-            **dict.fromkeys(("t/m3", "tf/m3", "g/cm3"), 9806.65),
-        },
-        "share": {"%": 0.01, "percent": 0.01, "-": 1.0, "1": 1.0},
-    }
-)  # fmt: skip
-"""What a number in each unit is multiplied by to be in SI units, angles in degrees."""
-VOIDS = tuple(
-    -float(digits) for digits in ("999", "999.25", "999.9", "999.99", "9999", "9999.9", "9999.99", "99999", "999999",
-    "9999999")
-)  # fmt: skip
-"""What instruments and programs write where nothing was measured, whether their file declares it or not."""
-LARGEST = 1e20
-"""Size from which on a number is a void: -3.4e38 of single precision, 1e30."""
 STEEPEST = 45.0
 """Inclination (degrees) of a cone that no sounding reaches."""
 LARGEST_CONE = 150e6
@@ -50,40 +23,6 @@ LONGEST_NAME = 60
 """Characters of a sounding's name, which goes to terminals, figures and comments of a scene."""
 LARGEST_DEPTH = 200.0
 """Depth (m) of a sounding above which the number is in another unit."""
-
-
-class SiteError(ValueError):
-    """A file of a site that cannot be used; the text names file, value, limit and remedy."""
-
-
-def in_si(where: str, unit: str, quantity: str) -> float:
-    """What a number is multiplied by to be in SI units.
-
-    Args:
-        where: file and column, for the message.
-        unit: as the file has it, such as "MPa" or "kN/m²".
-        quantity: of `UNITS`.
-
-    Raises:
-        SiteError: no unit of this quantity.
-    """
-    plain = plain_unit(unit)
-    if plain not in UNITS[quantity]:
-        raise SiteError(
-            f"{where} is in {shown(unit)}, which is no unit of {quantity} known here: give one of "
-            f"{known_units(quantity)}"
-        )
-    return UNITS[quantity][plain]
-
-
-def known_units(quantity: str) -> str:
-    """The units of a quantity in words, each once.
-
-    Args:
-        quantity: of `UNITS`.
-    """
-    first = {size: unit for unit, size in reversed(list(UNITS[quantity].items()))}
-    return ", ".join(reversed(list(first.values())))
 
 
 @dataclass(frozen=True)
@@ -126,49 +65,6 @@ class Sounding:
     def z(self) -> Values:
         """Elevation (n,) of the readings (m)."""
         return self.top - self.depth
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Values of the laboratory, or of vane tests, at points.
-
-    Args:
-        file: they were read from.
-        parameter: of a scene's soil, such as "strength".
-        x: (n,) m.
-        y: (n,) m, nan where the file has none.
-        z: (n,) elevation (m).
-        value: (n,) in SI units and degrees.
-        projection: of the positions, None where the file does not name it.
-    """
-
-    file: str
-    parameter: str
-    x: Values
-    y: Values
-    z: Values
-    value: Values
-    projection: str | None = None
-
-
-def numbers(where: str, cells: Iterable[str], void: float = math.nan) -> Values:
-    """Numbers of a file's cells: the one place at which what was not measured becomes nan.
-
-    Args:
-        where: file and column, for the warning of cells that are no number.
-        cells: as the file has them, with a point in decimals.
-        void: that the file declares, beside those known here.
-
-    Returns:
-        Numbers (n,), nan in empty cells, void codes and text.
-    """
-    cells = list(cells)
-    values = np.array([number(cell) for cell in cells], float)
-    if bad := sum(cell.strip() != "" for cell in cells) - int(np.isfinite(values).sum()):
-        check.warn(f"{where}: {bad} cells are no number and count as gaps: correct or empty them")
-    voids = [*VOIDS, *([] if math.isnan(void) else [void])]
-    empty = np.isclose(values[:, None], voids, rtol=1e-6, atol=1e-9).any(axis=1) | (np.abs(values) >= LARGEST)
-    return np.where(empty, math.nan, values)
 
 
 def one_number(text: str | None, void: float = math.nan) -> float:

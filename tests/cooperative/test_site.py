@@ -9,6 +9,7 @@ import kl
 from benchmarks.robustness.invented import TINY
 from cooperative import runs
 from cooperative._commands import main
+from cooperative.laboratory import read_rows
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.scene import parse, remarks
 from cooperative.site import Assumed, estimate_site, write_site
@@ -21,7 +22,6 @@ from cooperative.soundings import (
     friction_of,
     proposed_layers,
     read_files,
-    read_rows,
     strength_of,
 )
 from jaxmpm import read_raster

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cooperative._commands import main
+from cooperative.laboratory import read_rows
 from cooperative.scene import parse
 from cooperative.site import Assumed, estimate_site
 from cooperative.site._section import read_section
-from cooperative.soundings import read_rows
 from tests.scenes import tables
 
 HEAD = f"""name = "cut"

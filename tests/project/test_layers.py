@@ -3,6 +3,8 @@
 import ast
 import importlib
 import inspect
+import subprocess
+import sys
 from collections import defaultdict
 from pathlib import Path
 
@@ -19,11 +21,20 @@ ROOMS = {
     ),
     "kl": "types axis marginal sampling field estimation soil plots",
     "cooperative": (
-        "store measure estimate soundings scene runs values summary folder hazard campaign reporting site sweep safety "
-        "research doctor"
+        "store measure estimate laboratory scene runs values summary folder hazard campaign reporting doctor "
+        "soundings site sweep safety research"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_commands"}}
+# What is no campaign stands apart: the commands and users import it, the rest of `cooperative` never does.
+WING = (
+    "cooperative.soundings",
+    "cooperative.site",
+    "cooperative.sweep",
+    "cooperative.reporting.sweeps",
+    "cooperative.safety",
+    "cooperative.research",
+)
 FOREIGN = {
     "foundation": {"jaxmpm", "kl", "cooperative", "benchmarks", "tests"},
     "jaxmpm": {"kl", "cooperative", "benchmarks", "tests"},
@@ -38,7 +49,8 @@ def imported(path: Path) -> set[str]:
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{path} has a relative import: name the module in full"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
     return names
 
@@ -81,6 +93,65 @@ def test_imports_go_down_and_stay_out_of_other_rooms_insides():
 def test_packages_know_nothing_of_those_above():
     for path, package, module in IMPORTS:
         assert module.split(".")[0] not in FOREIGN[package], f"{path} imports {module}"
+
+
+def named(path: Path) -> set[str]:
+    """Modules that a file imports, and every text in it that an import at run time could be given."""
+    nodes = ast.walk(ast.parse(path.read_text()))
+    return imported(path) | {node.value for node in nodes if isinstance(node, ast.Constant) and type(node.value) is str}
+
+
+def in_wing(module: str) -> bool:
+    return module.startswith(tuple(f"{part}." for part in WING)) or module in WING
+
+
+CORE = [
+    path
+    for path in modules("cooperative")
+    if not in_wing(".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"))
+    and room_of(path) not in ENTRANCES["cooperative"]
+]
+
+
+def test_every_part_of_the_wing_stands():
+    paths = [ROOT / part.replace(".", "/") for part in WING]
+    assert [path for path in paths if not path.is_dir() and not path.with_suffix(".py").is_file()] == []
+
+
+def test_a_campaign_imports_nothing_of_the_wing():
+    for path in CORE:
+        wrong = [module for module in named(path) if in_wing(module)]
+        assert not wrong, f"{path} imports {wrong}, which is no part of a campaign"
+
+
+def test_a_campaign_loads_nothing_of_the_wing():
+    # A fresh process takes seconds to load JAX and matplotlib.
+    script = """if True:
+        import cooperative.campaign, sys
+        for name in cooperative.__all__:
+            getattr(cooperative, name)
+        print(*sys.modules)
+    """
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = done.stdout.split()
+    assert {"cooperative.campaign", "cooperative.reporting"} <= set(loaded)
+    assert [module for module in loaded if in_wing(module)] == []
+
+
+def test_an_import_of_the_wing_is_seen_wherever_it_stands(tmp_path):
+    for number, text in enumerate(
+        (
+            "from cooperative import sweep",
+            "def f():\n    import cooperative.safety._search as s",
+            "from cooperative.reporting import sweeps",
+            "from cooperative.research.rare import form",
+            "import_module('cooperative.soundings')",
+        )
+    ):
+        path = tmp_path / f"{number}.py"
+        path.write_text(text)
+        assert any(map(in_wing, named(path))), text
+    assert not any(map(in_wing, ("cooperative.reporting._sweep", "cooperative.sites", "cooperative.scene.tables")))
 
 
 def exported(package: str) -> set[str]:

@@ -4,6 +4,7 @@ import json
 import sys
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from benchmarks.robustness.invented import TERRAIN
 from cooperative import hazard
 from cooperative.__main__ import main
 from cooperative.reporting import _dataset as dataset
+from cooperative.reporting import _exports
 from cooperative.reporting import _map_files as map_files
 from cooperative.reporting._exports import export
 from cooperative.scene import parse, to_toml
@@ -232,3 +234,12 @@ def test_maps_of_slides_that_had_not_come_to_rest_say_at_least(tmp_path, plain, 
                 write_sample(store, grid, replace(sample, status="FINISHED" if number in (1, 2) else sample.status))
     result = hazard.hazard_maps(tmp_path / "moving")
     assert (result.moving, result.slides, result.until) == (2, 4, parse(scene_of(None)).run.t_end)
+
+
+@pytest.mark.parametrize(("kind", "library"), [("maps", "csv"), ("geotiff", "rioxarray"), ("geopackage", "pyogrio")])
+def test_every_kind_of_map_says_at_least(kind, library, tmp_path, maps):
+    pytest.importorskip(library, reason="an extra is not installed")
+    ground = SimpleNamespace(origin=(0.0, 0.0), projection=None)
+    moving = replace(maps, moving=3, until=20.0)
+    written = list(_exports._of_maps(ground, SimpleNamespace(folder=tmp_path), moving, [kind]))
+    assert written[-1].name == "AT_LEAST.txt"

@@ -5,8 +5,9 @@ import os
 
 import pytest
 
+from cooperative.laboratory import read_rows
 from cooperative.scene import parse
-from cooperative.soundings import read_files, read_rows
+from cooperative.soundings import read_files
 from cooperative.store import Source
 from cooperative.store._source import MOST_ENTRIES, check_bounds, stored_source
 from jaxmpm import read_line, read_motion, read_raster

@@ -1,0 +1,296 @@
+"""Values of boreholes, the laboratory and vane tests at points, in CSV files whose columns have names and units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from foundation import check
+from foundation.table import LENGTHS, Table, number, plain_unit, read_table
+from foundation.text import printable, shown
+
+Values = npt.NDArray[np.float64]
+Columns = Mapping[str, tuple[str, tuple[str, ...]]]
+"""Columns of a table: the quantity of each, "" for one without a unit, and the names that a CSV may give it."""
+
+UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "length": LENGTHS,
+        "stress": {
+            "pa": 1.0, "kpa": 1e3, "mpa": 1e6, "n/m2": 1.0, "kn/m2": 1e3, "mn/m2": 1e6, "n/mm2": 1e6, "bar": 1e5,
+            "tsf": 95760.518, "psf": 47.880259, "ksf": 47880.259, "psi": 6894.757,
+            **dict.fromkeys(("kgf/cm2", "kg/cm2"), 98066.5), **dict.fromkeys(("tf/m2", "t/m2"), 9806.65),
+        },
+        "angle": {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "°": 1.0},
+        "weight": {
+            "n/m3": 1.0, "kn/m3": 1e3, "mn/m3": 1e6, **dict.fromkeys(("pcf", "lb/ft3", "lbf/ft3"), 157.08746),
+            **dict.fromkeys(("t/m3", "tf/m3", "g/cm3"), 9806.65),
+        },
+        "share": {"%": 0.01, "percent": 0.01, "-": 1.0, "1": 1.0},
+    }
+)  # fmt: skip
+"""What a number in each unit is multiplied by to be in SI units, angles in degrees."""
+VOIDS = tuple(
+    -float(digits) for digits in ("999", "999.25", "999.9", "999.99", "9999", "9999.9", "9999.99", "99999", "999999",
+    "9999999")
+)  # fmt: skip
+"""What instruments and programs write where nothing was measured, whether their file declares it or not."""
+LARGEST = 1e20
+"""Size from which on a number is a void: -3.4e38 of single precision, 1e30."""
+POSITION = {
+    "name": ("", ("name", "sounding", "id", "test", "location", "loca_id")),
+    "x": ("length", ("x", "easting", "distance", "chainage")),
+    "y": ("length", ("y", "northing")),
+    "top": ("length", ("top", "surface", "surface_elevation", "ground_level", "z_surface")),
+    "z": ("length", ("z", "elevation", "level")),
+    "depth": ("length", ("depth", "d", "depth_below_surface", "scpt_dpth")),
+    "water": ("length", ("water", "water_table", "water_depth", "groundwater", "gwl")),
+    "predrilled": ("length", ("predrilled", "predrilled_depth", "pre-drilled")),
+    "datum": ("", ("datum", "vertical_datum")),
+    "projection": ("", ("projection", "crs", "epsg", "coordinate_system")),
+}
+"""Columns of where a row was measured."""
+TEXTS = ("name", "datum", "projection")
+"""Columns that are no numbers."""
+DEGREES = ("lat", "latitude", "lon", "long", "longitude")
+"""Columns of a position that is none in metres."""
+PARAMETERS = {
+    "strength": ("stress", ("strength", "su", "s_u", "cu", "c_u", "undrained_strength", "undrained_shear_strength")),
+    "cohesion": ("stress", ("cohesion", "c", "c_eff")),
+    "friction": ("angle", ("friction", "phi", "friction_angle", "phi_eff")),
+    "unit_weight": ("weight", ("unit_weight", "gamma", "bulk_unit_weight")),
+    "young": ("stress", ("young", "e", "young_modulus", "e50")),
+}
+"""Columns of laboratory values: the parameter of a scene's soil, its quantity, and names."""
+
+
+class SiteError(ValueError):
+    """A file of a site that cannot be used; the text names file, value, limit and remedy."""
+
+
+def in_si(where: str, unit: str, quantity: str) -> float:
+    """What a number is multiplied by to be in SI units.
+
+    Args:
+        where: file and column, for the message.
+        unit: as the file has it, such as "MPa" or "kN/m²".
+        quantity: of `UNITS`.
+
+    Raises:
+        SiteError: no unit of this quantity.
+    """
+    plain = plain_unit(unit)
+    if plain not in UNITS[quantity]:
+        raise SiteError(
+            f"{where} is in {shown(unit)}, which is no unit of {quantity} known here: give one of "
+            f"{known_units(quantity)}"
+        )
+    return UNITS[quantity][plain]
+
+
+def known_units(quantity: str) -> str:
+    """The units of a quantity in words, each once.
+
+    Args:
+        quantity: of `UNITS`.
+    """
+    first = {size: unit for unit, size in reversed(list(UNITS[quantity].items()))}
+    return ", ".join(reversed(list(first.values())))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Values of the laboratory, or of vane tests, at points.
+
+    Args:
+        file: they were read from.
+        parameter: of a scene's soil, such as "strength".
+        x: (n,) m.
+        y: (n,) m, nan where the file has none.
+        z: (n,) elevation (m).
+        value: (n,) in SI units and degrees.
+        projection: of the positions, None where the file does not name it.
+    """
+
+    file: str
+    parameter: str
+    x: Values
+    y: Values
+    z: Values
+    value: Values
+    projection: str | None = None
+
+
+def numbers(where: str, cells: Iterable[str], void: float = math.nan) -> Values:
+    """Numbers of a file's cells: the one place at which what was not measured becomes nan.
+
+    Args:
+        where: file and column, for the warning of cells that are no number.
+        cells: as the file has them, with a point in decimals.
+        void: that the file declares, beside those known here.
+
+    Returns:
+        Numbers (n,), nan in empty cells, void codes and text.
+    """
+    cells = list(cells)
+    values = np.array([number(cell) for cell in cells], float)
+    if bad := sum(cell.strip() != "" for cell in cells) - int(np.isfinite(values).sum()):
+        check.warn(f"{where}: {bad} cells are no number and count as gaps: correct or empty them")
+    voids = [*VOIDS, *([] if math.isnan(void) else [void])]
+    empty = np.isclose(values[:, None], voids, rtol=1e-6, atol=1e-9).any(axis=1) | (np.abs(values) >= LARGEST)
+    return np.where(empty, math.nan, values)
+
+
+def known_names(columns: Columns) -> str:
+    """Names of columns in words, with what a CSV may call each.
+
+    Args:
+        columns: to be named.
+    """
+    return ", ".join(f"{name} ({' or '.join(words[:3])})" for name, (_, words) in columns.items())
+
+
+def read_columns(
+    path: Path, known: Columns, units: Mapping[str, str]
+) -> tuple[dict[str, Values], dict[str, npt.NDArray[np.str_]]]:
+    """The known columns of a CSV, whose first row has their names, each with its unit in brackets.
+
+    Args:
+        path: of the CSV.
+        known: columns that are read.
+        units: of columns whose heading has none, by the column's name.
+
+    Returns:
+        Numbers (n,) in SI units and degrees, nan in gaps, and texts (n,): the name of each row, that of the file where
+        it has none, and its datum and projection where the file has them.
+
+    Raises:
+        SiteError: no rows, no headings, a column twice or in degrees, an unknown unit or none.
+    """
+    read = read_table(path)
+    if not read.rows:
+        raise SiteError(f"{path} has no rows below its header: give one row for each reading")
+    columns = _columns(path, read, known, units)
+    cells = {name: [row[column] for row in read.rows] for name, (column, _) in columns.items()}
+    texts = {name: np.array(cells[name]) for name in TEXTS if name in cells}
+    table = {
+        name: numbers(f"{path}: {name}", cells[name]) * scale
+        for name, (_, scale) in columns.items()
+        if name not in TEXTS
+    }
+    return table, {"name": np.array([path.stem] * len(read.rows))} | texts
+
+
+def measured_of(path: Path, table: Mapping[str, Values], texts: Mapping[str, npt.NDArray[np.str_]]) -> list[Measured]:
+    """The values of each parameter among the columns of a CSV.
+
+    Args:
+        path: of the CSV.
+        table: its numbers (n,), as `read_columns` gives them.
+        texts: its texts (n,), likewise.
+
+    Raises:
+        SiteError: values without a position or an elevation.
+    """
+    if "z" not in table and not {"top", "depth"} <= table.keys():
+        raise SiteError(f"{path} has no column z [m], nor top [m] and depth [m]: add the elevation of each value")
+    z = table["z"] if "z" in table else table["top"] - table["depth"]
+    if "x" not in table:
+        raise SiteError(f"{path} has no column x [m]: add the position of each value")
+    y = table.get("y", np.full(z.size, math.nan))
+    placed = np.isfinite(table["x"]) & np.isfinite(z) & (np.isfinite(y) | np.isnan(y).all())
+    measured: list[Measured] = []
+    for name in [name for name in PARAMETERS if name in table]:
+        valid = placed & (table[name] > 0)
+        if dropped := int(np.isfinite(table[name]).sum() - valid.sum()):
+            check.warn(
+                f"{path}: {dropped} values of {name} are left out, which have no position or are not above 0: correct "
+                "them, or leave such cells empty"
+            )
+        projection = one_text(path, "projection", texts.get("projection"))
+        at = table["x"][valid], y[valid], z[valid]
+        measured.append(Measured(str(path), name, *at, table[name][valid], projection))
+    return measured
+
+
+def read_rows(path: Path) -> list[list[float]]:
+    """Rows of position and value of a CSV of laboratory or borehole values, for a scene.
+
+    Args:
+        path: of a CSV with the columns x, y in 3D, z, and one parameter.
+
+    Returns:
+        Rows [x, z, value] or [x, y, z, value], in SI units and degrees; rows with a gap are left out.
+
+    Raises:
+        SiteError: a file without these columns, or without rows.
+    """
+    if not path.is_file():
+        raise SiteError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
+    table, texts = read_columns(path, POSITION | PARAMETERS, {})
+    given = [name for name in PARAMETERS if name in table]
+    if not given:
+        raise SiteError(f"{path} has no column of a parameter: name one of {known_names(PARAMETERS)}")
+    if len(given) > 1:
+        raise SiteError(f"{path} has {len(given)} columns of parameters: a field has values of one, leave one")
+    (only,) = measured_of(path, table, texts)
+    flat = bool(np.isnan(only.y).all())
+    rows = np.stack([only.x, only.z, only.value] if flat else [only.x, only.y, only.z, only.value], axis=1)
+    valid = np.isfinite(rows).all(axis=1)
+    if not valid.any():
+        raise SiteError(f"{path} has no row with a position and a value above 0: every row is a gap")
+    return rows[valid].tolist()
+
+
+def _columns(path: Path, read: Table, known: Columns, units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
+    """Number of each known column in a row, and what its numbers are multiplied by."""
+    columns: dict[str, tuple[int, float]] = {}
+    unknown: list[str] = []
+    if not read.header:
+        raise SiteError(f"{path} has no row of headings: name its columns, such as x [m], top [m], depth [m], qc [MPa]")
+    for column, (cell, word) in enumerate(zip(read.header, read.names, strict=False)):
+        unit = read.units[column]
+        plain = word.strip().lower().replace(" ", "_")
+        if plain in DEGREES:
+            raise SiteError(f"{path}: the column {shown(cell)} has degrees: give x [m] and y [m] of a national grid")
+        name = next((name for name, (_, words) in known.items() if plain == name or plain in words), None)
+        if name is None:
+            unknown += [shown(cell)] if cell.strip() else []
+            continue
+        if name in columns:
+            raise SiteError(f"{path} has two columns of {name}: {shown(cell)} is the second, leave one out")
+        quantity = known[name][0]
+        unit = unit or units.get(plain) or units.get(name)
+        if quantity and not unit:
+            allowed = known_units(quantity)
+            raise SiteError(
+                f"{path}: the column {shown(cell)} has no unit: write {cell.strip()} [{allowed.split(', ')[0]}] in the "
+                f"header, or give --units {plain}=UNIT with one of {allowed}"
+            )
+        columns[name] = column, in_si(f"{path}: column {shown(cell)}", unit, quantity) if quantity and unit else 1.0
+    if unknown:
+        check.warn(f"{path}: unknown columns are not read: {', '.join(unknown)}")
+    return columns
+
+
+def one_text(path: Path, key: str, column: npt.NDArray[np.str_] | None) -> str | None:
+    """The one text of a column, None where there is none.
+
+    Args:
+        path: of the file.
+        key: name of the column.
+        column: (n,) texts, None where the file has it not.
+
+    Raises:
+        SiteError: several texts.
+    """
+    values = {printable(each.strip()) for each in (() if column is None else column) if each.strip()}
+    if len(values) > 1:
+        raise SiteError(f"{path} has several {key}: {', '.join(sorted(values)[:3])}; give one")
+    return values.pop() if values else None
