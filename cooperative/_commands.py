@@ -87,7 +87,7 @@ def show(given: argparse.Namespace) -> None:
 
 
 def export(given: argparse.Namespace) -> None:
-    """Write what a campaign holds for other programs: tables, one file of all, series for ParaView, hazard maps."""
+    """Write what a campaign holds for other programs: tables, series for ParaView, hazard maps, netCDF."""
     if given.sample is None and given.frames is not None:
         raise ValueError(f"--frames {given.frames} is for one sample: give --sample too")
     if given.sample is not None and given.kinds:
