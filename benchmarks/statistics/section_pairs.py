@@ -64,10 +64,11 @@ def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
 def study(scene: str) -> Campaign:
     """A scene with the samples of this study, all of which get a mode.
 
-    The scene with published settings has those of the study.
+    The scene with published settings has those of the study. Any particle counts as a failure.
     """
     campaign = campaign_of(scene, {}) if scene == STUDIES["published"][0] else scene_campaign(scene)
-    return replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined")))
+    plan = replace(campaign.plan, samples=SAMPLES, modes=("rough", "refined"))
+    return replace(campaign, plan=plan, run=replace(campaign.run, least_volume=0.0))
 
 
 def main() -> None:

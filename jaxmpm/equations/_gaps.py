@@ -94,7 +94,7 @@ def gap_of(first: Array, second: Array) -> Array:
 def closed(
     scene: Scene, gap: Array | None, force: Array, undrained: Array | None = None, *, pressing: bool = True
 ) -> Array:
-    """Forces of the soil's stress, along ground on which it presses as they are if soil reaches down to it.
+    """Forces of the soil's stress, along ground to which it sticks as they are if soil reaches down to it.
 
     What a node on the ground lacks, the next one lacks in return.
 
@@ -113,7 +113,7 @@ def closed(
     shape = scene.grid.shape
     field, lacking = force.reshape(*shape, -1), gap / (1 - gap) if undrained is None else undrained * gap / (1 - gap)
     result, lacking = field, lacking.reshape(shape)
-    for ground in _grounds(scene):
+    for ground in _grounds(scene, sticking=True):
         own, share = ground.of(field), ground.of(lacking)
         if ground.held is not None:
             share = jnp.where(ground.held, share, 0)
@@ -125,13 +125,19 @@ def closed(
     return result.reshape(force.shape)
 
 
-def _grounds(scene: Scene) -> Iterator[Ground]:
-    """Walls that hold soil along themselves, and ground of any shape, whose next nodes lie above."""
+def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[Ground]:
+    """Walls that hold soil along themselves, and ground of any shape, whose next nodes lie above.
+
+    Args:
+        scene: of the nodes.
+        sticking: leave out ground along which soil slides. Its nodes move, and those of a wide gap have so little mass
+            that forces of a whole cell would throw them off.
+    """
     for wall in scene.walls:
-        if wall.hold != "roller":
+        if wall.hold == "fixed" or (wall.hold == "friction" and not sticking):
             yield Ground(wall.axis, (wall.index, wall.index + 1), 1 if wall.side == "low" else -1)
     held = scene.cut
-    if scene.base is not None:
+    if scene.base is not None and not sticking:
         on_base = jnp.any(scene.base.normal != 0, axis=1)
         held = on_base if held is None else held | on_base
     if held is not None:

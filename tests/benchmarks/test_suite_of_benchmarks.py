@@ -113,8 +113,8 @@ def test_slopes_with_known_answers_fit_their_cells_and_layers(family):
         assert abs(areas[-1] / drawn - 1) < 0.01
 
 
-def test_there_are_eighteen_of_them():
-    assert len({case.name for case in slopes.cases()}) == 18
+def test_there_are_twenty_six_of_them():
+    assert len({case.name for case in slopes.cases()}) == 26
     assert len({case.figure for case in slopes.special_cases()}) == len(slopes.special_cases())
 
 
