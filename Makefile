@@ -3,43 +3,53 @@ PYTHON ?= python3
 BIN := .venv/bin
 # Versions to keep to: make clean test CONSTRAINTS=packaging/constraints-oldest.txt
 CONSTRAINTS ?=
-PIP := $(BIN)/pip install --quiet $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS))
+# Python compiles a module when it is first imported: most of what is installed never is.
+PIP := $(BIN)/pip install --quiet --no-compile $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS))
+# The checkout, built by what .venv holds: the kernels with the headers of its jaxlib, for this machine alone.
+CHECKOUT := $(PIP) --no-build-isolation --editable
 
 .PHONY: .venv demo figures notebooks docs test test-slow bench lint dist clean
 
 .venv: .venv/installed
 
+# With what the demo needs. JAX and the build tools that this machine lacks come first.
 .venv/installed: pyproject.toml CMakeLists.txt $(wildcard jaxmpm/transfer/native/*.cc jaxmpm/transfer/native/*.h)
 	$(PYTHON) -m venv .venv
-	$(PIP) --editable '.[test]'
+	$(PIP) jax 'scikit-build-core>=0.11'
+	$(BIN)/python -c 'import scikit_build_core.build as b; print(*b.get_requires_for_build_editable())' | xargs -r $(PIP)
+	$(CHECKOUT) '.[interactive]'
+	touch $@
+
+# And with what the tests need.
+.venv/tests: .venv/installed
+	$(CHECKOUT) '.[test]'
 	touch $@
 
 demo: .venv
-	$(PIP) --editable '.[interactive]'
 	$(BIN)/python -m cooperative run benchmarks/scenes/demo.toml --out out/demo
 
 # The README's figures, and those of docs/ that need no benchmark to be run again: of the demo, of the study's rows, of the
 # tables in RESULTS.md, of the first notebook, of every scene.
-figures: demo
+figures: demo .venv/tests
 	cp out/demo/figures/field.png out/demo/figures/slope.png out/demo/figures/ranked.png benchmarks/figures/
 	$(BIN)/python -m benchmarks.study.published
 	$(BIN)/python -m benchmarks.accuracy.work_precision
 	$(BIN)/python -m benchmarks.project.gallery
-	$(PIP) --editable '.[notebooks]'
+	$(CHECKOUT) '.[notebooks]'
 	$(BIN)/python -m notebooks 01
 
 # Runs the scripts at full size; `.venv/bin/python -m notebooks 03` makes one.
-notebooks: .venv
-	$(PIP) --editable '.[notebooks]'
+notebooks: .venv/tests
+	$(CHECKOUT) '.[notebooks]'
 	$(BIN)/python -m notebooks
 
 # The site opens from out/docs/docs/index.html without a server. Broken links and public names without a page fail it.
 docs: .venv
-	$(PIP) --editable '.[docs]'
+	$(CHECKOUT) '.[docs]'
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -c docs -b html . out/docs
 
 # The type stubs of NumPy and JAX differ by version: types are checked with the newest that Python 3.11 gets.
-lint: .venv
+lint: .venv/tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@if test -z "$(CONSTRAINTS)" && $(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; \
@@ -50,11 +60,11 @@ test: lint
 
 # With VTK to read exports back, and playwright to drive a Chromium if there is one. Programs are compiled as for users.
 test-slow: .venv
-	$(PIP) --editable '.[test,vtk,browser]'
+	$(CHECKOUT) '.[test,vtk,browser]'
 	XLA_FLAGS= $(BIN)/python -m pytest -m slow
 
 bench: .venv
-	$(PIP) --editable '.[test,peers]'
+	$(CHECKOUT) '.[test,peers]'
 	$(BIN)/python -m benchmarks all
 
 # The wheel is made from the sdist, and on Linux gets the manylinux tag that this machine's libraries allow. Each is tried in

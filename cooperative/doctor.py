@@ -9,7 +9,6 @@ import os
 import platform
 import shutil
 import time
-import warnings
 from collections.abc import Iterator
 
 import jax
@@ -36,12 +35,11 @@ def installation() -> Iterator[tuple[str, str]]:
     yield "Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     for package in ("jax", "jaxlib", "numpy", "scipy", "h5py"):
         yield package, importlib.metadata.version(package)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        native = mpm.transfer.native_available()
+    instructions = mpm.transfer.native_instructions()
+    fault = "was not built" if mpm.transfer.native_library() is None else "was built for another processor"
     yield (
         "transfers on CPU",
-        "compiled" if native else "on XLA, at some fortieth of the speed: the library was not built",
+        f"compiled ({instructions})" if instructions else f"on XLA, at some fortieth of the speed: the library {fault}",
     )
     compiler = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), None)
     yield "C++ compiler", compiler or "none on the path"

@@ -151,10 +151,11 @@ bool sums(int64_t particles, int64_t threads) {
 
 // Whether each transfer refuses a plan that no kernel was compiled for, and writes nothing. The plan has no particles and
 // one row; a kernel that ran all the same would clear the nodes.
-bool refuses(int dimension, int width, int order) {
+bool refuses(int dimension, int width, int order, int stride = 0) {
   Plan plan{};
   plan.dimension = dimension;
-  plan.width = plan.stride = plan.channels = width;
+  plan.width = plan.channels = width;
+  plan.stride = stride ? stride : width;
   plan.order = order;
   plan.rows = 1;
   plan.cell = 1;
@@ -184,7 +185,7 @@ int main() {
   int64_t threads;
   double half;
   bool good = refuses(0, 4, 1) && refuses(4, 4, 1) && refuses(2, 5, 1) && refuses(2, 16, 1) && refuses(2, 4, 3) &&
-              refuses(2, 4, -1);
+              refuses(2, 4, -1) && refuses(2, 4, 1, 5);
   while (std::cin >> plan.dimension >> plan.shape[0] >> plan.shape[1] >> plan.shape[2] >> function >> half >> plan.particles >>
          threads) {
     plan.function = static_cast<ShapeFunction>(function);

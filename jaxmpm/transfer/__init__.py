@@ -7,6 +7,7 @@ from jaxmpm.transfer._primitives import scatter_p
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
 from jaxmpm.transfer._transfers import g2p, p2g
 from jaxmpm.transfer.native import available as native_available
+from jaxmpm.transfer.native import instructions as native_instructions
 from jaxmpm.transfer.native import library as native_library
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "locate",
     "momentum",
     "native_available",
+    "native_instructions",
     "native_library",
     "nodal_momentum",
     "p2g",

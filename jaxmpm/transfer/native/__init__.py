@@ -1,6 +1,7 @@
 """The native engine: locates the compiled library, registers its kernels with XLA, and calls them.
 
-The library is optional. Without it `available()` is False and transfers run on XLA.
+The library is optional. Without it, or on a machine that runs none of its instruction sets, `available()` is False and
+transfers run on XLA.
 """
 
 from __future__ import annotations
@@ -38,27 +39,53 @@ def library() -> Path | None:
 
 @functools.cache
 def available() -> bool:
-    """Register the compiled kernels and return whether they exist; warn once if they do not.
+    """Register the compiled kernels and return whether this machine runs them; warn once if it does not.
 
     Raises:
         ImportError: The library lacks a kernel, since it was built from other sources.
     """
     path = library()
-    if path is not None:
-        kernels = ctypes.CDLL(str(path))
-        if missing := [name for name in TARGETS if not hasattr(kernels, name)]:
-            raise ImportError(
-                f"{LIBRARY} lacks {', '.join(missing)}: it was built from other sources, install jaxmpm again"
-            )
+    if path is not None and instructions() is not None:
+        kernels = _loaded(path)
         for name in TARGETS:
             jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(kernels, name)), platform="cpu")
         return True
+    fault, remedy = (
+        ("was not built", "Install a C++ compiler and install jaxmpm again.")
+        if path is None
+        else ("was built for another processor", "Install jaxmpm again on this machine, or from a wheel.")
+    )
     warnings.warn(
-        f"{LIBRARY} was not built: particle-grid transfers run on XLA, at some fortieth of the speed on CPU. "
-        "Install a C++ compiler and install jaxmpm again.",
+        f"{LIBRARY} {fault}: particle-grid transfers run on XLA, at some fortieth of the speed on CPU. {remedy}",
         stacklevel=2,
     )
     return False
+
+
+def instructions() -> str | None:
+    """Name of the instruction set that the compiled kernels use: the best that they have and this machine runs.
+
+    Returns:
+        The name; None if they were not built, or for other processors alone.
+
+    Raises:
+        ImportError: The library lacks a kernel, since it was built from other sources.
+    """
+    path = library()
+    if path is None:
+        return None
+    function = _loaded(path).jaxmpm_instructions
+    function.restype = ctypes.c_char_p
+    name: bytes | None = function()
+    return None if name is None else name.decode()
+
+
+def _loaded(path: Path) -> ctypes.CDLL:
+    kernels = ctypes.CDLL(str(path))
+    if missing := [name for name in (*TARGETS, "jaxmpm_instructions") if not hasattr(kernels, name)]:
+        lacking = ", ".join(missing)
+        raise ImportError(f"{LIBRARY} lacks {lacking}: it was built from other sources, install jaxmpm again")
+    return kernels
 
 
 def supports(kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
@@ -97,8 +124,7 @@ def scatter(
     parts = []
     for first in range(0, channels, MAX_CHANNELS):
         count = min(channels - first, MAX_CHANNELS)
-        padded = 4 if count <= 4 else MAX_CHANNELS
-        result = jax.ShapeDtypeStruct((*batch, grid.nodes, padded), position.dtype)
+        result = jax.ShapeDtypeStruct((*batch, grid.nodes, _width(count)), position.dtype)
         call = jax.ffi.ffi_call("jaxmpm_scatter", result)
         parts.append(call(*arrays, **_attributes(grid, kernel, _shifted(terms, first, count)))[..., :count])
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
@@ -180,9 +206,17 @@ def _by_channels(
     parts = []
     for first in range(0, nodal.shape[-1], MAX_CHANNELS):
         count = min(nodal.shape[-1] - first, MAX_CHANNELS)
+        met = 1 + max((t.channel for t in _shifted(terms, first, count)), default=0)
+        # A kernel takes nodes of no more channels than its width.
+        count = count if _width(met) == _width(count) else met
         part = nodal if count == nodal.shape[-1] else nodal[..., first : first + count]
         parts.append(call(position, part, *blocks, **_attributes(grid, kernel, _shifted(terms, first, count))))
     return functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
+
+
+def _width(channels: int) -> int:
+    """Channels that the kernel for so many works on at once."""
+    return 4 if channels <= 4 else MAX_CHANNELS
 
 
 def _shifted(terms: Sequence[Term], first: int, count: int) -> list[Term]:

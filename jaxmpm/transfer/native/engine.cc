@@ -11,6 +11,8 @@
 #include <array>
 #include <cstring>
 
+#include "instructions.h"
+
 namespace jaxmpm {
 namespace {
 
@@ -159,23 +161,41 @@ class Scatter {
 
 }  // namespace
 
-std::vector<const InstructionSet*> runnable_instructions() {
-  std::vector<const InstructionSet*> sets = {&portable_kernels};
-#ifdef JAXMPM_X86
-  __builtin_cpu_init();
-  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  if (avx2) sets.push_back(&avx2_kernels);
-  if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw")) {
-    sets.push_back(&avx512_kernels);
-  }
+// The sets that the library was built with, the best one last.
+#define JAXMPM_DECLARE(set) extern const Kernels set##_float, set##_double
+#define JAXMPM_SET(set) {#set, runs_##set, set##_float, set##_double}
+#ifdef JAXMPM_PORTABLE
+JAXMPM_DECLARE(portable);
 #endif
+#ifdef JAXMPM_AVX2
+JAXMPM_DECLARE(avx2);
+#endif
+#ifdef JAXMPM_AVX512
+JAXMPM_DECLARE(avx512);
+#endif
+
+std::vector<const InstructionSet*> runnable_instructions() {
+  static const InstructionSet built[] = {
+#ifdef JAXMPM_PORTABLE
+      JAXMPM_SET(portable),
+#endif
+#ifdef JAXMPM_AVX2
+      JAXMPM_SET(avx2),
+#endif
+#ifdef JAXMPM_AVX512
+      JAXMPM_SET(avx512),
+#endif
+  };
+  std::vector<const InstructionSet*> sets;
+  for (const InstructionSet& set : built) {
+    if (set.runs()) sets.push_back(&set);
+  }
   return sets;
 }
 
-const InstructionSet& best_instructions() {
-  static const InstructionSet& best = *runnable_instructions().back();
-  return best;
+const InstructionSet* best_instructions() {
+  static const auto sets = runnable_instructions();
+  return sets.empty() ? nullptr : sets.back();
 }
 
 bool scatter(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,

@@ -31,9 +31,15 @@ struct ContractLane {
   void* gathered;  // or null
 };
 
-// Best instruction set of this machine, and all that it can run.
-const InstructionSet& best_instructions();
+struct InstructionSet {
+  const char* name;
+  bool (*runs)();  // on this machine
+  const Kernels &of_float, &of_double;
+};
+
+// The sets of the library that this machine runs, the best one last, and that one: null where there is none.
 std::vector<const InstructionSet*> runnable_instructions();
+const InstructionSet* best_instructions();
 
 // Smallest width that the kernels have for this many channels.
 inline int32_t padded(int32_t channels) { return channels <= 4 ? 4 : 8; }

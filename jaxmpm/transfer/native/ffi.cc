@@ -215,7 +215,7 @@ ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi
   std::vector<ScatterLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], {}, nodals[i]};
   add_rows(*blocks, batch, lanes);
-  return answer(scatter(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
+  return answer(scatter(*best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 ffi::Error gather_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
@@ -229,7 +229,7 @@ ffi::Error gather_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi:
   const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch), out = lane_starts(*rows, batch);
   std::vector<GatherLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], nodals[i], out[i]};
-  return answer(gather(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
+  return answer(gather(*best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
@@ -257,7 +257,7 @@ ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ff
     lanes[i] = {positions[i], nodals[i], {}, slopes[i], asked ? rows[i] : nullptr};
   }
   add_rows(*blocks, batch, lanes);
-  return answer(contract(best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
+  return answer(contract(*best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 template <class T>
@@ -337,6 +337,12 @@ auto cell_sums_binding() {
 }  // namespace jaxmpm
 
 #pragma GCC visibility push(default)
+// Name of the instruction set that the handlers run on; null where this machine runs none of the library's, and they may not
+// be called.
+extern "C" const char* jaxmpm_instructions() {
+  const jaxmpm::InstructionSet* best = jaxmpm::best_instructions();
+  return best ? best->name : nullptr;
+}
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_scatter, jaxmpm::scatter_handler, jaxmpm::scatter_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_gather, jaxmpm::gather_handler, jaxmpm::gather_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_contract, jaxmpm::contract_handler, jaxmpm::contract_binding());

@@ -1,4 +1,4 @@
-// The transfers of a range of particles, compiled once per instruction set (JAXMPM_ISA names the table).
+// The transfers of a range of particles, compiled once per instruction set and scalar type (JAXMPM_ISA, JAXMPM_SCALAR).
 //
 // A particle's weights are products of three numbers per axis. The sums over its stencil are therefore nested: what
 // is common to a row of three nodes along the last axis is computed once per row, so that a node costs one fused
@@ -33,6 +33,13 @@ constexpr int jets(int dimension, int order) {
 
 #define JAXMPM_INLINE static inline __attribute__((always_inline))
 #define JAXMPM_MEMBER inline __attribute__((always_inline))
+
+// What runs once for a block of particles is compiled once for all kernels that call it.
+#if defined(__clang__)
+#define JAXMPM_APART __attribute__((noinline))
+#else
+#define JAXMPM_APART __attribute__((noinline, noclone))
+#endif
 
 // Numbers in the first machine vector of a pack: the largest power of two.
 template <class T>
@@ -197,6 +204,23 @@ JAXMPM_INLINE Jet<T, W, jets(D - LEFT, ORDER)> collect(const Weights<T, D_ALL, O
   return r;
 }
 
+// `collect` from packs that lie one after the other: small rather than fast.
+template <class T, int W, int D, int ORDER, int D_ALL, int LEFT>
+JAXMPM_APART Jet<T, W, jets(D - LEFT, ORDER)> collect_slowly(const Weights<T, D_ALL, ORDER>& weights, int p, const T* packs,
+                                                             int n = 0) {
+  Jet<T, W, jets(D - LEFT, ORDER)> r = {};
+  if constexpr (D == LEFT) {
+    r.d[0] = load<T, W>(packs + n * W);
+  } else {
+#pragma GCC unroll 1
+    for (int k = 0; k < kStencil; ++k) {
+      const auto below = collect_slowly<T, W, D - 1, ORDER, D_ALL, LEFT>(weights, p, packs, kStencil * n + k);
+      raise<T, W, D - LEFT, ORDER>(below, weight_of(weights, D_ALL - D, k, p), r);
+    }
+  }
+  return r;
+}
+
 template <int D>
 JAXMPM_INLINE void node_strides(const Plan& plan, int64_t* strides) {
   int64_t step = plan.stride;
@@ -217,7 +241,7 @@ JAXMPM_INLINE int64_t offset_of(int n, const int64_t* strides) {
 
 // The packs that a block of particles brings to its nodes, one per derivative; `to` starts as zeros.
 template <class T, int W, int J>
-JAXMPM_INLINE void fill_coefficients(const Plan& plan, const void* const* rows, const Block& block,
+JAXMPM_APART void fill_coefficients(const Plan& plan, const void* const* rows, const Block& block,
                                      T (&coefficients)[J][kBlock][W]) {
   for (int t = 0; t < plan.term_count; ++t) {
     const Term& term = plan.terms[t];
@@ -235,12 +259,13 @@ JAXMPM_INLINE void fill_coefficients(const Plan& plan, const void* const* rows, 
 }
 
 template <class T, int D, int W, int ORDER>
-void scatter(const Plan& plan, const T* position, const void* const* rows, const int32_t* index, int64_t begin, int64_t end,
-             T* nodal) {
+void scatter(const Plan& plan, const T* __restrict position, const void* const* rows, const int32_t* index, int64_t begin,
+             int64_t end, T* __restrict nodal) {
   constexpr int J = jets(D, ORDER);
   const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
   alignas(64) T coefficients[J][kBlock][W] = {};
+  const int32_t stride = plan.stride;
   int64_t strides[D];
   node_strides<D>(plan, strides);
   for (int64_t from = begin; from < end; from += kBlock) {
@@ -251,7 +276,7 @@ void scatter(const Plan& plan, const T* position, const void* const* rows, const
       Jet<T, W, J> a;
 #pragma GCC unroll 10
       for (int j = 0; j < J; ++j) a.d[j] = load<T, W>(coefficients[j][p]);
-      spread<T, W, D, ORDER, D>(a, weights, p, strides, nodal + int64_t{weights.node[p]} * plan.stride);
+      spread<T, W, D, ORDER, D>(a, weights, p, strides, nodal + int64_t{weights.node[p]} * stride);
     }
   }
 }
@@ -319,7 +344,7 @@ constexpr int row_of() {
 // weights along the last axis multiply; with L = 0 it holds one node. With AVX-512 rows stay in registers while particles
 // with the same stencil follow each other.
 template <class T, int D, int W, int ORDER, int L, class Before, class Each, class After>
-JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, Before before,
+JAXMPM_INLINE void for_sums(const Plan& plan, const T* __restrict position, const T* __restrict nodal, int64_t begin, int64_t end, Before before,
                             Each each, After after) {
   constexpr int LEFT = L > 0, P = L > 0 ? L : W, J = jets(D - LEFT, ORDER);
   constexpr int kPacks = D - LEFT == 0 ? 1 : D - LEFT == 1 ? 3 : D - LEFT == 2 ? 9 : 27;
@@ -332,30 +357,32 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal,
   for (int axis = 0; axis < D; ++axis) total *= plan.shape[axis];
   const int64_t highest = total - P - offset_of<D - LEFT>(kPacks - 1, strides);
   const int within_row = (LEFT ? kStencil : 1) * plan.stride;
-  Pack<T, P> packs[kHeld ? kPacks : 1] = {};
-  int32_t base = -1;  // lowest node of the stencil that `packs` belongs to
+  const int32_t stride = plan.stride;
   const auto collected = [&](int p, const auto& pack) { return collect<T, P, D, ORDER, D, LEFT>(weights, p, pack); };
   for (int64_t from = begin; from < end; from += kBlock) {
     const Block block(nullptr, from, end);
     fill_weights(axes, Positions<T, D>(axes, position, block), weights);
     before(block);
+    // Within the block: what lives across calls lives in memory.
+    Pack<T, P> packs[kHeld ? kPacks : 1] = {};
+    int32_t base = -1;  // lowest node of the stencil that `packs` belongs to
     for (int p = 0; p < block.count; ++p) {
       Jet<T, P, J> r;
       if (!kHeld || weights.node[p] != base) {
         base = weights.node[p];
-        const T* node = nodal + int64_t{base} * plan.stride;
+        const T* node = nodal + int64_t{base} * stride;
         const auto read = [&](int n) { return load<T, P>(node + offset_of<D - LEFT>(n, strides)); };
-        const auto read_edge = [&](int n) { return load<T, P>(edge + n * P); };
-        const bool within = __builtin_expect(int64_t{base} * plan.stride <= highest, 1);
+        const bool within = __builtin_expect(int64_t{base} * stride <= highest, 1);
         // The last pack would end beyond the array.
         for (int n = 0; !within && n < kPacks; ++n) {
           for (int i = 0; i < within_row && i < P; ++i) edge[n * P + i] = node[offset_of<D - LEFT>(n, strides) + i];
         }
         if constexpr (kHeld) {
 #pragma GCC unroll 9
-          for (int n = 0; n < kPacks; ++n) packs[n] = within ? read(n) : read_edge(n);
+          for (int n = 0; n < kPacks; ++n) packs[n] = within ? read(n) : load<T, P>(edge + n * P);
         } else {
-          r = within ? collected(p, read) : collected(p, read_edge);
+          if (within) r = collected(p, read);
+          else r = collect_slowly<T, P, D, ORDER, D, LEFT>(weights, p, edge);
         }
       }
       if constexpr (kHeld) r = collected(p, [&](int n) { return packs[n]; });
@@ -368,7 +395,7 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* position, const T* nodal,
     }
     // A loop of its own, since a load of a part of what has just been stored waits; over a whole block for the compiler.
     for (int p = 0; LEFT && p < kBlock; ++p) {
-      if constexpr (LEFT == 1) each(p, along_last<T, W, L, D, ORDER>(weights, p, plan.stride, sums));
+      if constexpr (LEFT == 1) each(p, along_last<T, W, L, D, ORDER>(weights, p, stride, sums));
     }
     after(from, block.count);
   }
@@ -386,7 +413,7 @@ struct Kept {
   }
 
   // What `gather` answers with.
-  JAXMPM_MEMBER void write_rows(const Plan& plan, int64_t block, int count, T* rows) const {
+  JAXMPM_APART void write_rows(const Plan& plan, int64_t block, int count, T* rows) const {
     alignas(64) T columns[J][W][kBlock];
     uint32_t wanted = 0;
     for (int t = 0; t < plan.term_count; ++t) wanted |= 1u << plan.terms[t].jet;
@@ -413,7 +440,8 @@ struct Kept {
 };
 
 template <class T, int D, int W, int ORDER, int L>
-void gather(const Plan& plan, const T* position, const T* nodal, int64_t begin, int64_t end, T* rows) {
+void gather(const Plan& plan, const T* __restrict position, const T* __restrict nodal, int64_t begin, int64_t end,
+            T* __restrict rows) {
   Kept<T, W, jets(D, ORDER)> kept;
   for_sums<T, D, W, ORDER, L>(
       plan, position, nodal, begin, end, [](const Block&) {}, [&](int p, const auto& sums) { kept.keep(p, sums); },
@@ -438,8 +466,8 @@ JAXMPM_INLINE auto folded(const Pack<T, W>& a) {
 // Rows times the nodal field that they meet, derived along the position, and what `gather` answers with unless
 // `gathered` is null; the weights have one order more than the terms.
 template <class T, int D, int W, int ORDER, int L>
-void contract(const Plan& plan, const T* position, const T* nodal, const void* const* rows, int64_t begin, int64_t end,
-              T* slope, T* gathered) {
+void contract(const Plan& plan, const T* __restrict position, const T* __restrict nodal, const void* const* rows,
+              int64_t begin, int64_t end, T* __restrict slope, T* __restrict gathered) {
   constexpr int J = jets(D, ORDER - 1);
   alignas(64) T coefficients[J][kBlock][W] = {};
   constexpr int N = folded_width(W);
@@ -503,10 +531,10 @@ template <class T>
 struct GatherOf {
   using Kernel = GatherKernel;
   static constexpr bool kWrites = false;
-  template <int D, int W, int ORDER, bool ROWS>
+  template <int D, int W, int ORDER>
   static constexpr Kernel of() {
     return [](const Plan& plan, const void* position, const void* nodal, int64_t begin, int64_t end, void* rows) {
-      gather<T, D, W, ORDER, ROWS ? row_of<T, W, ORDER>() : 0>(
+      gather<T, D, W, ORDER, row_of<T, W, ORDER>()>(
           plan, static_cast<const T*>(position), static_cast<const T*>(nodal), begin, end, static_cast<T*>(rows));
     };
   }
@@ -516,14 +544,14 @@ template <class T>
 struct ContractOf {
   using Kernel = ContractKernel;
   static constexpr bool kWrites = false;
-  template <int D, int W, int ORDER, bool ROWS>
+  template <int D, int W, int ORDER>
   static constexpr Kernel of() {
     if constexpr (ORDER == 0) {
       return nullptr;  // the weights have one order more than the terms
     } else {
       return [](const Plan& plan, const void* position, const void* nodal, const void* const* rows, int64_t begin,
                 int64_t end, void* slope, void* gathered) {
-        contract<T, D, W, ORDER, ROWS ? row_of<T, W, ORDER>() : 0>(
+        contract<T, D, W, ORDER, row_of<T, W, ORDER>()>(
             plan, static_cast<const T*>(position), static_cast<const T*>(nodal), rows, begin, end,
             static_cast<T*>(slope), static_cast<T*>(gathered));
       };
@@ -531,30 +559,27 @@ struct ContractOf {
   }
 };
 
-template <class Of, int D, int W, bool... ROWS>
+template <class Of, int D, int W>
 typename Of::Kernel of_order(const Plan& plan) {
   switch (plan.order) {
-    case 0: return Of::template of<D, W, 0, ROWS...>();
-    case 1: return Of::template of<D, W, 1, ROWS...>();
-    case 2: return Of::template of<D, W, 2, ROWS...>();
+    case 0: return Of::template of<D, W, 0>();
+    case 1: return Of::template of<D, W, 1>();
+    case 2: return Of::template of<D, W, 2>();
     default: return nullptr;
   }
 }
 
-// A kernel that reads nodes takes rows of them, unless their stride is beyond its width.
+// A kernel that reads nodes has a width of 1 too.
 template <class Of, int D>
 typename Of::Kernel of_width(const Plan& plan) {
-  if constexpr (Of::kWrites) {
-    switch (plan.width) {
-      case 4: return of_order<Of, D, 4>(plan);
-      case 8: return of_order<Of, D, 8>(plan);
-      default: return nullptr;
-    }
-  } else {
-    if (plan.stride == 1) return of_order<Of, D, 1, true>(plan);
-    if (plan.width == 4 && plan.stride <= 4) return of_order<Of, D, 4, true>(plan);
-    if (plan.width == 4) return of_order<Of, D, 4, false>(plan);
-    return plan.width == 8 && plan.stride <= 8 ? of_order<Of, D, 8, true>(plan) : nullptr;
+  if (plan.stride > plan.width) return nullptr;
+  if constexpr (!Of::kWrites) {
+    if (plan.stride == 1) return of_order<Of, D, 1>(plan);
+  }
+  switch (plan.width) {
+    case 4: return of_order<Of, D, 4>(plan);
+    case 8: return of_order<Of, D, 8>(plan);
+    default: return nullptr;
   }
 }
 
@@ -581,16 +606,13 @@ void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, u
   }
 }
 
-template <class T>
-constexpr Kernels kernels = {chosen<ScatterOf<T>>, chosen<GatherOf<T>>, chosen<ContractOf<T>>, slabs<T>};
-
 }  // namespace
 
-#define JAXMPM_TEXT_OF(x) #x
-#define JAXMPM_TEXT(x) JAXMPM_TEXT_OF(x)
-#define JAXMPM_JOIN_OF(a, b) a##b
+#define JAXMPM_JOIN_OF(a, b) a##_##b
 #define JAXMPM_JOIN(a, b) JAXMPM_JOIN_OF(a, b)
 
-extern const InstructionSet JAXMPM_JOIN(JAXMPM_ISA, _kernels) = {JAXMPM_TEXT(JAXMPM_ISA), kernels<float>, kernels<double>};
+using Scalar = JAXMPM_SCALAR;
+extern const Kernels JAXMPM_JOIN(JAXMPM_ISA, JAXMPM_SCALAR) = {
+    chosen<ScatterOf<Scalar>>, chosen<GatherOf<Scalar>>, chosen<ContractOf<Scalar>>, slabs<Scalar>};
 
 }  // namespace jaxmpm

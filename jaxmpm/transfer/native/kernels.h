@@ -1,4 +1,4 @@
-// What the transfer kernels are given, and the table of kernels that each instruction set fills.
+// What the transfer kernels are given, and the table of kernels that each unit fills.
 //
 // This header is compiled into translation units with different machine flags. It and kernels.cc therefore define
 // no inline function with external linkage and use none of the standard library's: the linker keeps one copy of
@@ -57,24 +57,13 @@ using ContractKernel = void (*)(const Plan&, const void* position, const void* n
 // The slab of each particle's lowest node.
 using SlabsKernel = void (*)(const Plan&, const void* position, int64_t begin, int64_t end, uint8_t* slab);
 
-// Kernels of one scalar type. The first three are chosen by a plan's dimension, width and order, and null for a plan
-// that no kernel was compiled for.
+// Kernels of one instruction set and scalar type. The first three are chosen by a plan's dimension, width and order, and null
+// for a plan that no kernel was compiled for.
 struct Kernels {
   ScatterKernel (*scatter)(const Plan&);
   GatherKernel (*gather)(const Plan&);
   ContractKernel (*contract)(const Plan&);
   SlabsKernel slabs;
 };
-
-struct InstructionSet {
-  const char* name;
-  Kernels of_float, of_double;
-};
-
-extern const InstructionSet portable_kernels;
-#ifdef JAXMPM_X86
-extern const InstructionSet avx2_kernels;
-extern const InstructionSet avx512_kernels;
-#endif
 
 }  // namespace jaxmpm

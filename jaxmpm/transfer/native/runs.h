@@ -83,7 +83,7 @@ constexpr int order_along(int jet, int axis) {
 }
 
 template <int D, int ORDER>
-JAXMPM_INLINE void fill_row_weights(const Weights<float, D, ORDER>& w, RowWeights<D, ORDER>& r) {
+JAXMPM_APART void fill_row_weights(const Weights<float, D, ORDER>& w, RowWeights<D, ORDER>& r) {
   for (int j = 0; j < jets(D - 1, ORDER); ++j) {
     for (int row = 0; row < rows_of(D); ++row) {
       if constexpr (D == 1) {
@@ -101,7 +101,7 @@ JAXMPM_INLINE void fill_row_weights(const Weights<float, D, ORDER>& w, RowWeight
 
 // The columns of a block, for one that is not read in place.
 template <int G, int J>
-JAXMPM_INLINE void fill_columns(const Plan& plan, const void* const* rows, const Block& block,
+JAXMPM_APART void fill_columns(const Plan& plan, const void* const* rows, const Block& block,
                                 float (&columns)[G][J][kGroup][kBlock]) {
   for (int t = 0; t < plan.term_count; ++t) {
     const Term& term = plan.terms[t];

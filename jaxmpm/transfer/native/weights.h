@@ -89,7 +89,7 @@ struct Axes {
   T origin[kAxes], highest[kAxes], half[kAxes], per_half[kAxes];
   int32_t nodes[kAxes];
 
-  explicit Axes(const Plan& plan)
+  JAXMPM_APART explicit Axes(const Plan& plan)
       : function(plan.function), particles(plan.particles), cell(T(plan.cell)), per_cell(T(1 / plan.cell)) {
     int exponent;
     exact = __builtin_frexp(plan.cell, &exponent) == 0.5;
@@ -180,7 +180,7 @@ template <class T, int D>
 struct Positions {
   alignas(64) T of[D][kBlock];
 
-  Positions(const Axes<T>& axes, const T* position, const Block& block) {
+  JAXMPM_APART Positions(const Axes<T>& axes, const T* position, const Block& block) {
     for (int axis = 0; axis < D; ++axis) {
       read(position + axis * axes.particles, block, of[axis]);
       for (int p = block.count; p < kBlock; ++p) of[axis][p] = of[axis][0];
@@ -210,22 +210,27 @@ JAXMPM_INLINE bool locate(const Axes<T>& axes, int axis, const T (&at)[kBlock], 
   return on_grid;
 }
 
+// Weights of a block of particles along an axis; `node` goes from the lowest node over the axes before to that over this one too.
+template <class T, int ORDER>
+JAXMPM_APART void fill_axis(const Axes<T>& axes, int axis, const T (&at)[kBlock], T (&of)[kStencil][ORDER + 1][kBlock],
+                            int32_t (&node)[kBlock]) {
+  alignas(64) T cells[kBlock], base[kBlock];
+  const bool on_grid = locate(axes, axis, at, cells, base);
+  for (int p = 0; p < kBlock; ++p) node[p] = node[p] * axes.nodes[axis] + static_cast<int32_t>(base[p]);
+  const T l = axes.half[axis], per_l = axes.per_half[axis], per_cell = axes.per_cell;
+  if (axes.function == kLinear) {
+    axis_weights<T, ORDER, kLinear>(l, per_l, per_cell, cells, base, of);
+  } else if (axes.function == kGimp && on_grid) {
+    gimp_weights<T, ORDER>(l, per_l, per_cell, cells, base, of);
+  } else if (axes.function == kGimp) {
+    axis_weights<T, ORDER, kGimp>(l, per_l, per_cell, cells, base, of);
+  } else {
+    axis_weights<T, ORDER, kQuadraticBSpline>(l, per_l, per_cell, cells, base, of);
+  }
+}
+
 template <class T, int D, int ORDER>
 JAXMPM_INLINE void fill_weights(const Axes<T>& axes, const Positions<T, D>& at, Weights<T, D, ORDER>& w) {
-  alignas(64) T cells[kBlock], base[kBlock];
   for (int p = 0; p < kBlock; ++p) w.node[p] = 0;
-  for (int axis = 0; axis < D; ++axis) {
-    const bool on_grid = locate(axes, axis, at.of[axis], cells, base);
-    for (int p = 0; p < kBlock; ++p) w.node[p] = w.node[p] * axes.nodes[axis] + static_cast<int32_t>(base[p]);
-    const T l = axes.half[axis], per_l = axes.per_half[axis], per_cell = axes.per_cell;
-    if (axes.function == kLinear) {
-      axis_weights<T, ORDER, kLinear>(l, per_l, per_cell, cells, base, w.of[axis]);
-    } else if (axes.function == kGimp && on_grid) {
-      gimp_weights<T, ORDER>(l, per_l, per_cell, cells, base, w.of[axis]);
-    } else if (axes.function == kGimp) {
-      axis_weights<T, ORDER, kGimp>(l, per_l, per_cell, cells, base, w.of[axis]);
-    } else {
-      axis_weights<T, ORDER, kQuadraticBSpline>(l, per_l, per_cell, cells, base, w.of[axis]);
-    }
-  }
+  for (int axis = 0; axis < D; ++axis) fill_axis<T, ORDER>(axes, axis, at.of[axis], w.of[axis], w.node);
 }

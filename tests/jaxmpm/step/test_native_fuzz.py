@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import platform
 import shutil
 import subprocess
@@ -27,16 +28,15 @@ def _build(folder: Path, sanitizers: str, sets: dict[str, list[str]]) -> Path:
     if COMPILER is None:
         pytest.skip("no C++ compiler to build the sanitized driver with")
     flags = ["-std=c++20", "-g1", f"-fsanitize={sanitizers}", "-fno-sanitize-recover=all", f"-I{NATIVE}", "-pthread"]
-    if "avx2" in sets:
-        flags.append("-DJAXMPM_X86")
+    flags += [f"-DJAXMPM_{name.upper()}" for name in sets]
     empty = folder / "empty.cc"
     empty.write_text("int main() {}\n")
     if subprocess.run([COMPILER, *flags, empty, "-o", folder / "empty"], capture_output=True).returncode:
         pytest.skip(f"{COMPILER} cannot build with -fsanitize={sanitizers}")
     objects = []
-    for name, machine in sets.items():
-        objects.append(folder / f"{name}.o")
-        kernels = [f"-DJAXMPM_ISA={name}", *machine, "-c", NATIVE / "kernels.cc"]
+    for (name, machine), scalar in itertools.product(sets.items(), ("float", "double")):
+        objects.append(folder / f"{name}_{scalar}.o")
+        kernels = [f"-DJAXMPM_ISA={name}", f"-DJAXMPM_SCALAR={scalar}", *machine, "-c", NATIVE / "kernels.cc"]
         subprocess.run([COMPILER, *flags, *kernels, "-o", objects[-1]], check=True)
     driver = folder / "fuzz"
     sources = [NATIVE / "engine.cc", ROOT / "tests" / "native_fuzz.cc"]
