@@ -1,8 +1,13 @@
 """What the package says of itself, and the commands that help a newcomer: doctor and example."""
 
+import itertools
 import json
+import os
+import platform
 import re
 import shlex
+import shutil
+import subprocess
 import sys
 import tomllib
 import warnings
@@ -22,6 +27,8 @@ from cooperative.runs import _compiled, memory_mappings, release_programs
 from cooperative.scene import SCHEMA, example, examples, json_schema, parse
 from tests import ROOT
 
+CMAKE = shutil.which("cmake")
+COMPILER = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
@@ -70,6 +77,51 @@ def test_kernels_are_compiled_with_the_headers_of_the_oldest_jax():
     major, minor = map(int, oldest.split("."))
     assert headers.specifier.contains(f"{oldest}.0")
     assert not headers.specifier.contains(f"{major}.{minor + 1}.0")
+
+
+def test_wheels_have_all_instruction_sets_and_checkouts_those_of_their_machine():
+    """What the build is told where it makes an editable install, and nowhere else."""
+    scikit = PROJECT["tool"]["scikit-build"]
+    told = [each for each in scikit["overrides"] if "cmake" in each]
+    assert told == [{"if": {"state": "editable"}, "cmake": {"define": {"JAXMPM_INSTRUCTIONS": "native"}}}]
+    assert "cmake" not in scikit
+
+
+@pytest.mark.skipif(CMAKE is None or COMPILER is None, reason="no CMake or no C++ compiler")
+@pytest.mark.parametrize("asked", [[], ["-DJAXMPM_INSTRUCTIONS=native"]])
+def test_the_build_compiles_the_instruction_sets_that_it_is_asked_for(asked, tmp_path):
+    sources = [f"-DPython_EXECUTABLE={sys.executable}", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", *asked]
+    subprocess.run([CMAKE, "-S", ROOT, "-B", tmp_path, *sources], check=True, capture_output=True)
+    commands = [each["command"] for each in json.loads((tmp_path / "compile_commands.json").read_text())]
+    units = [
+        (isa[1], re.search(r"JAXMPM_SCALAR=(\w+)", text)[1])
+        for text in commands
+        if (isa := re.search(r"JAXMPM_ISA=(\w+)", text))
+    ]
+    every = ["portable", "avx2", "avx512"] if platform.machine() in ("x86_64", "AMD64") else ["portable"]
+    sets = [jaxmpm.transfer.native_instructions() or every[0]] if asked else every
+    assert sorted(units) == sorted(itertools.product(sets, ("float", "double")))
+
+
+@pytest.mark.skipif(CMAKE is None or COMPILER is None, reason="no CMake or no C++ compiler")
+def test_the_build_refuses_instruction_sets_that_it_does_not_know(tmp_path):
+    told = [CMAKE, "-S", ROOT, "-B", tmp_path, f"-DPython_EXECUTABLE={sys.executable}", "-DJAXMPM_INSTRUCTIONS=sse"]
+    done = subprocess.run(told, capture_output=True, text=True)
+    assert done.returncode
+    assert "JAXMPM_INSTRUCTIONS = sse: give all or native" in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+@pytest.mark.parametrize(("target", "extras"), [("demo", {"interactive"}), ("test", {"interactive", "test"})])
+def test_a_target_installs_what_it_needs(target, extras):
+    """By what make would do in a fresh clone: the checkout is always built by what .venv holds."""
+    surroundings = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+    told = ["make", "--dry-run", "--always-make", target]
+    planned = subprocess.run(told, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
+    installs = [line for line in planned.splitlines() if "--editable" in line]
+    assert {re.search(r"'\.\[(\w+)\]'", line)[1] for line in installs} == extras
+    assert all("--no-build-isolation" in line for line in installs)
+    assert re.search(r"install .*\bjax\b(?s:.*)--editable", planned)
 
 
 def test_the_command_on_the_path_is_there():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import os
+import shutil
 import subprocess
 import sys
 import warnings
@@ -32,6 +33,7 @@ FULL = {1: [[0]], 2: [[0, 2], [2, 1]], 3: [[0, 3, 5], [3, 1, 4], [5, 4, 2]]}  # 
 p2g = jax.jit(transfer.p2g, static_argnames=("grid", "kernel", "engine"))
 g2p = jax.jit(transfer.g2p, static_argnames=("grid", "kernel", "values", "gradients", "engine"))
 
+COMPILER = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
 needs_native = pytest.mark.skipif(not native.available(), reason="native kernels were not built")
 
 
@@ -292,6 +294,42 @@ def test_a_library_of_other_sources_is_refused(monkeypatch):
         monkeypatch.undo()
         native.available.cache_clear()
         assert native.available() == (native.library() is not None)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")
+def test_a_library_for_another_processor_is_not_called(tmp_path, monkeypatch):
+    source, library = tmp_path / "other.cc", tmp_path / native.LIBRARY
+    handlers = "".join(f"void {name}() {{}} " for name in native.TARGETS)
+    source.write_text(f'extern "C" {{ {handlers}const char* jaxmpm_instructions() {{ return nullptr; }} }}')
+    subprocess.run([COMPILER, "-shared", "-fPIC", source, "-o", library], check=True)
+    monkeypatch.setattr(native, "library", lambda: library)
+    native.available.cache_clear()
+    try:
+        assert native.instructions() is None
+        with pytest.warns(UserWarning, match="built for another processor.* run on XLA"):
+            assert not native.available()
+    finally:
+        monkeypatch.undo()
+        native.available.cache_clear()
+        assert native.available() == (native.instructions() is not None)
+
+
+@needs_native
+@pytest.mark.parametrize("channels", [5, 8, 9, 11])
+@pytest.mark.parametrize("values", [1, 2, 4, 5])
+def test_channels_that_no_term_names_are_left_out(channels, values):
+    grid, position, *_ = data(2, 50)
+    nodal = jnp.asarray(np.random.default_rng(1).normal(size=(grid.nodes, channels)))
+
+    def computed(engine):
+        def fields(x):
+            counts = {"values": values, "gradients": min(values, 2)}
+            return g2p(grid, kernel_of("gimp", 2), x, nodal, **counts, engine=engine)
+
+        return fields(position), jax.grad(lambda x: sum(map(jnp.sum, fields(x))))(position)
+
+    for a, b in zip(*map(jax.tree.leaves, map(computed, (Engine.NATIVE, Engine.XLA))), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=2e-6 * np.abs(b).max())
 
 
 REFUSED = [
