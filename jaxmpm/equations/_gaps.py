@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.laws import frictional
+from jaxmpm.laws import Elastic, frictional
 from jaxmpm.types import Scene
 
 NARROW, WIDE = 0.02, 0.85
@@ -53,7 +53,12 @@ class Ground(NamedTuple):
 
 
 def sheared(scene: Scene) -> Array | bool:
-    """Whether undrained soil may shear along rigid ground, of soil of both kinds which particles are undrained (N,)."""
+    """Whether undrained soil may shear along rigid ground, of soil of both kinds which particles are undrained (N,).
+
+    A body that does not yield has no strength that a gap could take.
+    """
+    if isinstance(scene.material, Elastic):
+        return False
     kind = frictional(scene.material)
     holds = scene.cut is not None or scene.base is not None or any(wall.hold != "roller" for wall in scene.walls)
     return ~kind if holds and not isinstance(kind, bool) else holds and not kind
