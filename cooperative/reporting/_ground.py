@@ -25,7 +25,7 @@ from cooperative.reporting import _plots as plots
 from cooperative.reporting._bodies import skin
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
-from cooperative.scene import Campaign
+from cooperative.scene import Campaign, check_samples
 from cooperative.store import write_aside
 from foundation.text import literal
 from jaxmpm import Ground, Raster
@@ -54,9 +54,10 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
         sample: number of the sample whose field is drawn.
 
     Raises:
-        ValueError: the scene has not so many samples, its ground, soil and grids do not fit together, a name has no
-            picture's ending, or a page is asked for of a section.
+        ValueError: nothing in the scene is random, or it has not so many samples; its ground, soil and grids do not fit
+            together; a name has no picture's ending, or a page is asked for of a section.
     """
+    check_samples(campaign)
     if not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
     if unknown := [

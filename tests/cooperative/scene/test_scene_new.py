@@ -1,11 +1,13 @@
 """A scene is begun, seen and costed before it runs."""
 
+import tomllib
+
 import pytest
 
-from benchmarks.robustness.invented import LAYERED
+from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative.__main__ import main
 from cooperative.runs import check_size, grid_size
-from cooperative.scene import SCHEMA, parse, read_scene, starters
+from cooperative.scene import SCHEMA, parse, read_scene, starters, to_toml
 
 
 @pytest.mark.parametrize("kind", ["section", "slope", "terrain"])
@@ -63,6 +65,16 @@ def test_a_scene_is_drawn(tmp_path, capsys):
     assert "mine is no name of a picture: give a PNG, PDF or SVG" in capsys.readouterr().err
     assert main(["draw", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "none" / "mine.png")]) == 2
     assert f"make {tmp_path / 'none'} and start the same command again" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["draw", "check", "run"])
+def test_commands_for_random_slopes_say_that_nothing_is_random(command, tmp_path, capsys):
+    tables = tomllib.loads(TINY)
+    tables["soil"]["strength"] = tables.pop("strength")["mean"]
+    (tmp_path / "certain.toml").write_text(to_toml(tables))
+    more = {"run": ["--out", str(tmp_path / "out"), "--workers", "1"]}.get(command, [])
+    assert main([command, str(tmp_path / "certain.toml"), *more]) == 2
+    assert "nothing in the scene is random: give at least one parameter" in capsys.readouterr().err
 
 
 def test_check_says_what_a_scene_costs(tmp_path, capsys):
