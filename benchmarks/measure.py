@@ -72,7 +72,7 @@ def scene_campaign(name: str) -> Campaign:
 def code_digest(*texts: str) -> str:
     """Of the code that runs, native kernels included, and of the scenes that it runs."""
     digest = hashlib.sha256("\0".join(texts).encode())
-    for package in ("foundation", "jaxmpm", "kl", "cooperative"):
+    for package in ("jaxmpm", "kl", "cooperative"):
         for path in sorted((ROOT / package).rglob("*")):
             if path.suffix in (".py", ".so"):
                 digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())

@@ -10,7 +10,4 @@ Names are loaded when first asked for: those listed in `__init__.pyi`.
 
 import lazy_loader
 
-from foundation import __version__
-
-__getattr__, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
-__all__ = [*_offered, "__version__"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

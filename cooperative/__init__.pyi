@@ -47,7 +47,6 @@ from .store import (
 )
 from .values import Summary
 
-__version__: str
 __all__ = [
     "Answers",
     "Campaign",
@@ -78,7 +77,6 @@ __all__ = [
     "Subset",
     "Summary",
     "TwoPhase",
-    "__version__",
     "build",
     "coefficients_of",
     "consequences",

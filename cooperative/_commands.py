@@ -12,7 +12,7 @@ from pathlib import Path
 
 import jax
 
-from cooperative import __version__, campaign, doctor, runs, site, sweep
+from cooperative import campaign, doctor, runs
 from cooperative.folder import SLIDES
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _interactive as interactive
@@ -28,8 +28,10 @@ from cooperative.scene import (
     write_example,
 )
 from cooperative.store import GRIDS, Source, own_folder, read_store
-from foundation.extras import extra
-from foundation.text import printable
+from cooperative.tools import site, sweep
+from jaxmpm import __version__
+from jaxmpm.support.extras import extra
+from jaxmpm.support.text import printable
 
 CLEAR = "\x1b[2J\x1b[H"
 """Has a terminal begin an empty screen."""
@@ -149,7 +151,7 @@ def sketch(given: argparse.Namespace) -> None:
 
 def stability(given: argparse.Namespace) -> None:
     """Compute a slope's factor of safety, by limit equilibrium in seconds and by the solver's limit load."""
-    from cooperative import safety  # which imports matplotlib
+    from cooperative.tools import safety  # which imports matplotlib
 
     scene, start = _campaigns(given)[0], time.perf_counter()
     # A scene's folder may come from somebody else, with a link of this name.

@@ -21,7 +21,7 @@ from cooperative.scene import Campaign, Given, campaign_of
 from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
 from cooperative.summary import summarise
 from cooperative.values import Summary
-from foundation import files
+from jaxmpm.support import files
 
 SLIDES = 3
 """Slides that a report draws at several times, unless the caller gives another number."""

@@ -11,9 +11,9 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from foundation import check
-from foundation.table import LENGTHS, Table, number, plain_unit, read_table
-from foundation.text import printable, shown
+from jaxmpm.support import check
+from jaxmpm.support.table import LENGTHS, Table, number, plain_unit, read_table
+from jaxmpm.support.text import printable, shown
 
 Values = npt.NDArray[np.float64]
 Columns = Mapping[str, tuple[str, tuple[str, ...]]]

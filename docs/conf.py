@@ -10,7 +10,7 @@ from sphinx.errors import ExtensionError
 PACKAGES = ("jaxmpm", "kl", "cooperative")
 
 project, author = "jaxmpm", "The jaxmpm authors"
-version = release = import_module("foundation").__version__
+version = release = import_module("jaxmpm").__version__
 root_doc = "docs/index"
 include_patterns = ["docs/**", "notebooks/*.ipynb", "benchmarks/RESULTS.md", "CHANGELOG.md"]
 exclude_patterns = ["docs/gallery/**", "docs/templates/**"]

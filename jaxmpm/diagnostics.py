@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import check
 from jaxmpm import tensors
 from jaxmpm.boundary import hold
 from jaxmpm.equations import Maps, acting_stress, external_force, felt_gravity, grid_position, reciprocal
+from jaxmpm.support import check
 from jaxmpm.transfer import momentum as particle_momentum
 from jaxmpm.types import Scene, State
 

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Literal
 
 from jax import Array
 
-from foundation.check import Limit, above_zero, from_zero
-from foundation.pytrees import pytree
+from jaxmpm.support.check import Limit, above_zero, from_zero
+from jaxmpm.support.pytrees import pytree
 
 
 def static(**kwargs: Any) -> Any:

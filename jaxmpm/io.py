@@ -1,7 +1,8 @@
 """States on disk: restart points, and series of particles that ParaView opens.
 
-A restart point is HDF5, sealed (see `foundation.files`), with every leaf of the state by its name; reading it executes
-nothing. A series is VTKHDF 2.0: an unstructured grid of one vertex per particle, with a `Steps` group for the times.
+A restart point is HDF5, sealed (see `jaxmpm.support.files`), with every leaf of the state by its name; reading it
+executes nothing. A series is VTKHDF 2.0: an unstructured grid of one vertex per particle, with a `Steps` group for the
+times.
 
 Source: VTK file formats, VTKHDF specification, https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/.
 """
@@ -19,10 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import check, hdf5
-from foundation.text import shown
 from jaxmpm import diagnostics
 from jaxmpm.laws import declared
+from jaxmpm.support import check, hdf5
+from jaxmpm.support.text import shown
 from jaxmpm.types import Scene, State
 
 KIND = "jaxmpm restart point"

@@ -7,8 +7,8 @@ from typing import Any, Protocol, Self, TypeAlias
 
 from jax import Array
 
-from foundation.check import Limit
 from jaxmpm.grid import Particles
+from jaxmpm.support.check import Limit
 
 Component: TypeAlias = Array | float
 """A component of a tensor; one that the dimension cannot have is the number 0.0, which vanishes in the program."""

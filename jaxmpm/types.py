@@ -13,10 +13,10 @@ from typing import Any, ClassVar
 
 from jax import Array
 
-from foundation.check import Limit, above_zero, from_zero
-from foundation.pytrees import pytree
 from jaxmpm.grid import Grid, Particles, RigidBase, Wall, static
 from jaxmpm.protocols import History, Kernel, Motion, Water
+from jaxmpm.support.check import Limit, above_zero, from_zero
+from jaxmpm.support.pytrees import pytree
 
 
 class Engine(enum.Enum):

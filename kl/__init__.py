@@ -3,7 +3,6 @@
 Figures are in `kl.plots`, which has to be imported by its name.
 """
 
-from foundation import __version__
 from kl import axis, estimation, field, marginal, soil
 from kl.axis import (
     CosineExponential,
@@ -24,8 +23,6 @@ from kl.field import (
     expand,
     field_at,
     field_on_lattice,
-    load,
-    save,
     with_covariance,
 )
 from kl.marginal import Beta, Empirical, Gamma, Gumbel, Lognormal, Normal, TruncatedNormal, Uniform, Weibull
@@ -52,7 +49,6 @@ __all__ = [
     "TruncatedNormal",
     "Uniform",
     "Weibull",
-    "__version__",
     "axis",
     "captured_variance",
     "condition",
@@ -66,10 +62,8 @@ __all__ = [
     "in_strata",
     "latin_hypercube",
     "linear_with_depth",
-    "load",
     "marginal",
     "monte_carlo",
-    "save",
     "sobol",
     "soil",
     "with_covariance",

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from matplotlib.figure import Figure
 
-from foundation.check import require
+from kl._checks import require
 from kl.field import Expansion
 
 

@@ -18,7 +18,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from scipy.special import ndtri
 
-from foundation.check import require
+from kl._checks import require
 from kl.marginal import from_both_tails
 from kl.types import HostIndex
 

@@ -11,8 +11,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
-from foundation.check import require
+from kl._checks import finite, require
 from kl.marginal import Marginal, nataf_correlation
 from kl.types import HostArray, Parameter, size_of
 
@@ -67,7 +66,7 @@ def correlation_root(matrix: ArrayLike | Sequence[Sequence[float]]) -> HostArray
         host = np.asarray(matrix, np.float64)
     except ValueError as error:
         raise ValueError("the rows of the correlation matrix differ in length: give a square one") from error
-    check.finite("correlation matrix", host)
+    finite("correlation matrix", host)
     require(
         host.ndim == 2 and host.shape[0] == host.shape[1],
         f"correlation matrix of shape {host.shape}: give a square one, a row for each parameter",
@@ -123,7 +122,7 @@ def linear_with_depth(depth: Array, surface: Parameter, gradient: Parameter) -> 
         ValueError: If a value is not finite.
     """
     for name, value in (("depth", depth), ("surface", surface), ("gradient", gradient)):
-        check.finite(name, value)
+        finite(name, value)
     return surface + gradient * depth
 
 
@@ -149,7 +148,7 @@ def with_trend(marginal: Moments, gaussian: Array, *, mean: Parameter, deviation
             jnp.shape(value) in ((), (1,), points),
             f"{name} of the trend of shape {jnp.shape(value)} for a field of {points} points: give one value for each",
         )
-        check.finite(f"{name} of the trend", value)
+        finite(f"{name} of the trend", value)
     require(jnp.asarray(deviation) >= 0, "deviation of the trend falls below 0: check its gradient and the depth")
     spread = marginal.cov * size_of(marginal.mean)
     require(jnp.asarray(spread) > 0, f"{marginal} does not vary, no trend can scale it: give a mean and a cov above 0")
@@ -173,7 +172,7 @@ def in_strata(elevation: Array, interfaces: Sequence[Parameter], fields: Sequenc
         ValueError: If the number of interfaces is wrong, interfaces cross, an array is of other points than
             `elevation`, or an elevation is not finite.
     """
-    check.finite("elevation", elevation)
+    finite("elevation", elevation)
     for name, values in [("field", each) for each in fields] + [("interface", each) for each in interfaces]:
         require(
             jnp.shape(values)[-1:] in ((), jnp.shape(elevation)[-1:]),

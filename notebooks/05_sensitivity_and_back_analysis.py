@@ -25,8 +25,8 @@ from drawing import BLACK, BLUE, ORANGE, RED, SKY, draw_section, style
 
 import jaxmpm as mpm
 from cooperative import runs
-from cooperative.research import back_analysis
 from cooperative.scene import parse
+from cooperative.tools.research import back_analysis
 from jaxmpm.run import objectives
 
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
@@ -215,7 +215,7 @@ print(f"mean error of the recovered strength: {100 * error:.1f} %")
 #
 # - `mpm.replay(scene, state, steps)` is a run with derivatives; `steps` is what `solve` took.
 # - `mpm.strength_sensitivity` is the map of what matters, in one reverse run.
-# - `cooperative.research.back_analysis.recover` finds what made a slide, and names what the data do not show.
+# - `cooperative.tools.research.back_analysis.recover` finds what made a slide, and names what the data do not show.
 
 # %%
 results = {

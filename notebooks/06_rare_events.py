@@ -25,8 +25,8 @@ from scipy.stats import norm
 
 from cooperative import runs
 from cooperative.estimate import monte_carlo, wilson_interval
-from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
 from cooperative.scene import parse
+from cooperative.tools.research.rare import design_point, importance_sampling, slide_limit_state
 
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
 style()

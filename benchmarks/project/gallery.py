@@ -21,7 +21,7 @@ from cooperative.reporting import _plots as plots
 from cooperative.reporting import panels
 from cooperative.runs import coefficients_of, cost_of, ground_of, soil_of
 from cooperative.scene import Campaign, begin, campaigns_of
-from foundation.files import write_aside
+from jaxmpm.support.files import write_aside
 
 TRIAL = 10.0
 """Seconds of each trial behind a cost."""

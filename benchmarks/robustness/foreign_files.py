@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from cooperative.scene import Files
-from cooperative.soundings import read_files
+from cooperative.tools.soundings import read_files
 
 SECRET = 31337.25
 """Coordinate, height and word of the baits: where it turns up, another file was read."""

@@ -20,7 +20,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from foundation import hdf5
+from jaxmpm.support import hdf5
 
 BAIT = 31337.0
 """The number that the baits are full of: where it turns up, something outside was read."""

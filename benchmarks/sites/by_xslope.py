@@ -13,7 +13,7 @@ from typing import Literal, Unpack
 
 import numpy as np
 
-from cooperative.safety import Circle, Conditions, zones
+from cooperative.tools.safety import Circle, Conditions, zones
 from jaxmpm import Layer, Section, Soil
 from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.soil import STANDARD_GRAVITY

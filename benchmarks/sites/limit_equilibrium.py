@@ -18,8 +18,8 @@ from typing import Any
 from benchmarks.measure import ROOT, Report
 from benchmarks.sites import by_xslope
 from benchmarks.sites.slopes import FAMILIES, Case, cases
-from cooperative import safety
 from cooperative.store import write_aside
+from cooperative.tools import safety
 from jaxmpm import Layer
 
 INPUTS = ROOT / "benchmarks" / "data" / "limit_equilibrium"

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import ROOT, Report
-from cooperative import safety
 from cooperative.scene import example, parse
-from cooperative.soundings import corrected_cone, read_files, thinned
+from cooperative.tools import safety
+from cooperative.tools.soundings import corrected_cone, read_files, thinned
 from kl.estimation import FieldFit, fit_field, predicted
 
 SITES = 300

@@ -34,7 +34,7 @@ from cooperative.reporting import progress_of
 from cooperative.runs import Stopped, cores_to_use, stop_by_signals
 from cooperative.scene import to_toml
 from cooperative.store import GRIDS, SLIDES, Store, read_rows, read_store
-from foundation import files
+from jaxmpm.support import files
 
 PLAN: dict[str, Any] = {"samples": 1000, "target_cov": 0.1, "screening_stop": 1.0, "fields": "none"}
 """Of both campaigns. At a P_f of a quarter, and refined runs 45 times as dear as rough ones, 1000 samples cost least in

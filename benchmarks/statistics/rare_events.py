@@ -23,7 +23,7 @@ from benchmarks.measure import Report, scene_campaign
 from cooperative import runs
 from cooperative.estimate import Estimate, SubsetPlan, monte_carlo, subset_simulation
 from cooperative.reporting import save
-from cooperative.research.rare import design_point, importance_sampling, slide_limit_state
+from cooperative.tools.research.rare import design_point, importance_sampling, slide_limit_state
 
 MEAN = 57e3
 # The smooth measure for the design point: root mean square displacement (m) after so many seconds.

@@ -22,9 +22,9 @@ from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._page import page
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, own_folder, read_sample, write_aside
-from foundation.files import remove_leftovers
 from jaxmpm import solve_each
 from jaxmpm.run import Midway
+from jaxmpm.support.files import remove_leftovers
 
 SHARES = (0.1, 0.3, 0.6)
 """Shares of the largest displacement at which a slide that is run again is drawn, and at its end."""

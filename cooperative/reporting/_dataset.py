@@ -15,7 +15,7 @@ from cooperative.reporting._tables import tables_of
 from cooperative.runs import StoredGround
 from cooperative.store import Store, read_sample
 from cooperative.values import Summary
-from foundation.files import aside
+from jaxmpm.support.files import aside
 
 if TYPE_CHECKING:
     import xarray

@@ -28,8 +28,8 @@ from cooperative.runs import (
 )
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
-from foundation.files import remove_leftovers
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
+from jaxmpm.support.files import remove_leftovers
 
 DEFAULT = ("table", "particles", "maps")
 KINDS = (*DEFAULT, "geotiff", "geopackage", "netcdf")

@@ -27,10 +27,10 @@ from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign, check_samples
 from cooperative.store import write_aside
-from foundation.text import literal
 from jaxmpm import Ground, Raster
 from jaxmpm.ground import floor
 from jaxmpm.laws import WaterSurface, WaterTable
+from jaxmpm.support.text import literal
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Mesh3d, Scatter3d

@@ -316,7 +316,11 @@ def turning(body: Moving) -> Figure:
 
 
 def figures(drawn: Iterable[Drawn]) -> str:
-    """Figures, narrow ones beside each other where there is room; nothing for none."""
+    """Figures as HTML, narrow ones beside each other where there is room; nothing for none.
+
+    Args:
+        drawn: the figures.
+    """
     shown = "\n".join(map(figure, drawn))
     return f'<div class="figures">\n{shown}\n</div>' if shown else ""
 

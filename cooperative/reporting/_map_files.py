@@ -13,9 +13,9 @@ from contourpy import contour_generator
 from cooperative.hazard import COVERED, Maps
 from cooperative.runs import StoredGround
 from cooperative.store import own_folder
-from foundation.extras import extra
-from foundation.files import aside, write_aside
-from foundation.text import csv_text
+from jaxmpm.support.extras import extra
+from jaxmpm.support.files import aside, write_aside
+from jaxmpm.support.text import csv_text
 
 CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Levels of the contours of probabilities."""

@@ -14,7 +14,7 @@ from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._sentences import Cell, number
 from cooperative.store import GRIDS, read_sample
 from cooperative.values import OtherEstimate, Summary
-from foundation.text import duration, short
+from jaxmpm.support.text import duration, short
 
 STYLE, PAGE = (Path(__file__).with_name(f"_page.{kind}").read_text(encoding="utf-8") for kind in ("css", "html"))
 
@@ -289,7 +289,12 @@ def document(title: str, parts: Iterable[str]) -> str:
 
 
 def heading(text: str, level: int = 2) -> str:
-    """A heading; level 1 is the page's own."""
+    """A heading.
+
+    Args:
+        text: of the heading.
+        level: 1 is the page's own.
+    """
     return f"<h{level}>{escape(text)}</h{level}>"
 
 
@@ -304,12 +309,23 @@ def paragraph(text: str, kind: str | None = None) -> str:
 
 
 def headline(before: str, strong: str, after: str) -> str:
-    """A sentence with its number large."""
+    """A sentence with its number large.
+
+    Args:
+        before: words before the number.
+        strong: the number.
+        after: words after it.
+    """
     return f'<p class="answer">{escape(before)} <strong>{escape(strong)}</strong> {escape(after)}</p>'
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
-    """A table, without a head where `head` is empty."""
+    """A table.
+
+    Args:
+        head: names of the columns; none for a table without a head.
+        rows: cells of each row.
+    """
     rows, names = list(rows), [escape(name) for name in head]
     heads: list[str | None] = [*names] or [None] * max(map(len, rows), default=0)
     lines = "".join(f"<tr>{''.join(map(_cell, row, heads))}</tr>\n" for row in rows)

@@ -20,7 +20,7 @@ from scipy.spatial import Delaunay, QhullError
 
 from cooperative.reporting._charts import panels
 from cooperative.runs import StoredGrid
-from foundation import files
+from jaxmpm.support import files
 
 Section = tuple[np.ndarray, np.ndarray]
 """Positions (2, N) as x and z (m), and half the particle spacing (2,) m."""

@@ -30,7 +30,7 @@ from cooperative.store import (
     sample_path,
 )
 from cooperative.summary import slides_of
-from foundation.text import duration, printable
+from jaxmpm.support.text import duration, printable
 
 RECENT = 20
 """How many of the last finished samples the pace is taken from."""

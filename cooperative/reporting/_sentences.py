@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from cooperative.estimate import Element, Estimate, Fits, ModeShare, Spread
 from cooperative.folder import Results
 from cooperative.values import Summary
-from foundation.text import printable
+from jaxmpm.support.text import printable
 
 Cell = str | float | int | None
 """Of a table: numbers stand on the right, None is a dash."""
@@ -179,7 +179,11 @@ def at_least(value: float, is_least: bool) -> str:
 
 
 def limits(interval: Sequence[float] | None) -> str:
-    """Confidence limits."""
+    """Confidence limits in words.
+
+    Args:
+        interval: lower and upper limit, None where there are too few values.
+    """
     if interval is None:
         return "too few for an interval"
     low, high = map(number, interval)

@@ -13,8 +13,8 @@ from cooperative.runs import StoredGround, rows_reader, samples_of
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Rows, Store
 from cooperative.values import Summary
-from foundation import files
-from foundation.text import csv_text
+from jaxmpm.support import files
+from jaxmpm.support.text import csv_text
 
 
 def write_table(

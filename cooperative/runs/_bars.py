@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from foundation.files import append_to
+from jaxmpm.support.files import append_to
 
 LOG = "progress.log"
 EVERY = 60.0

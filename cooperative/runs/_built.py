@@ -29,9 +29,9 @@ from cooperative.runs._derived import RATIO, SATURATED
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import CONTACT, Campaign, built
-from foundation import files, hdf5
 from jaxmpm import Scene, State
 from jaxmpm.laws import declared
+from jaxmpm.support import files, hdf5
 
 KIND = "cooperative initial stress"
 SCHEMA = 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 
-from foundation.text import short, shown
+from jaxmpm.support.text import short, shown
 
 PATIENCE = 10
 """Seconds for a Dask scheduler to answer."""

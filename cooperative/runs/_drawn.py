@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from cooperative.runs._model import GridModel
-from foundation import files, hdf5
+from jaxmpm.support import files, hdf5
 
 DRAWN = ("cooperative random soil", 1)
 """Kind and schema of the file."""

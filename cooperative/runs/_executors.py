@@ -33,7 +33,7 @@ from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import Campaign
 from cooperative.store import Sample
-from foundation.pytrees import PYTREES, pytree
+from jaxmpm.support.pytrees import PYTREES, pytree
 
 LOST = "WORKER_LOST"
 """Status of a sample that ended its worker as often as it was tried alone."""

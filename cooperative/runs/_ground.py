@@ -25,9 +25,9 @@ from cooperative.runs._samples import COLUMNS
 from cooperative.runs._samples import GROUND as MOVED
 from cooperative.runs._sampling import samples_of
 from cooperative.store import Record, Rows, Store, read_rows
-from foundation import files, hdf5
 from jaxmpm import Face
 from jaxmpm import ground as shapes
+from jaxmpm.support import files, hdf5
 
 GROUND = ("cooperative ground", 3)
 """Kind and schema of the file."""

@@ -18,7 +18,7 @@ import numpy as np
 
 import kl
 from cooperative.scene import Campaign, CrossCorrelation, RandomField
-from foundation import check
+from jaxmpm.support import check
 from kl.marginal import Marginal
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]

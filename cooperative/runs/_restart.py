@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 
 from cooperative.measure import Motion
 from cooperative.store import check_frames, restart_path
-from foundation import files
 from jaxmpm import State, load_state, save_state
 from jaxmpm.run import Midway
+from jaxmpm.support import files
 
 PASSED = (1.0, 5.0)
 """Multiples of the failure displacement. A frame is the state after the first chunk of steps that ends beyond one."""

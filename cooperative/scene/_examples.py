@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import cooperative
-from foundation.files import write_aside
-from foundation.text import shown
+from jaxmpm.support.files import write_aside
+from jaxmpm.support.text import shown
 
 SCHEMA = Path(cooperative.__file__).parent / "scene.schema.json"
 """The JSON schema of scenes, for editors. It goes along with the package."""

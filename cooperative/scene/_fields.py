@@ -13,9 +13,9 @@ import numpy as np
 from jax import Array
 
 import kl
-from foundation.check import Limit
-from foundation.text import shown
 from jaxmpm.soil import soil_limits
+from jaxmpm.support.check import Limit
+from jaxmpm.support.text import shown
 from kl.axis import Covariance
 from kl.marginal import Marginal
 

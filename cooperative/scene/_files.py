@@ -25,9 +25,9 @@ from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import shift_of
 from cooperative.scene._shaking import AXES
 from cooperative.scene._vector import Feature, read_features
-from foundation import check
-from foundation.text import shown
 from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
+from jaxmpm.support import check
+from jaxmpm.support.text import shown
 
 T = TypeVar("T")
 

@@ -13,7 +13,7 @@ from typing import get_origin
 from cooperative.scene import tables
 from cooperative.scene._examples import NAMED, SCHEMA
 from cooperative.scene._files import toml_value
-from foundation.files import write_aside
+from jaxmpm.support.files import write_aside
 
 TABLES: Mapping[str, type[tables.Table]] = {
     name: table

@@ -9,8 +9,8 @@ import re
 import warnings
 from typing import TYPE_CHECKING
 
-from foundation.extras import extra
-from foundation.text import shown
+from jaxmpm.support.extras import extra
+from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
     from pyproj import CRS

@@ -10,9 +10,9 @@ import numpy as np
 from cooperative.estimate import Subset, SubsetPlan
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._fields import RandomField
-from foundation.text import shown
 from jaxmpm import FrictionalSoil, Raster, ground
 from jaxmpm.ground import as_section
+from jaxmpm.support.text import shown
 
 TOP = 0.95
 """Share of the height of the ground from which on an element at risk stands at the crest."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from cooperative.scene import tables
 from cooperative.scene.tables import LimitLoad
-from foundation.text import shown
 from jaxmpm import BaseMotion, Settle
 from jaxmpm.run import Early
+from jaxmpm.support.text import shown
 
 AT_REST = Settle(slides=1.0)
 """Stands for a slide's rest, from the failure displacement on."""

@@ -13,10 +13,10 @@ import numpy as np
 from cooperative.measure import Track
 from cooperative.scene._fields import CONTACT, LIMITS, RandomField, Span, StrengthByStress
 from cooperative.scene.tables import RandomLevel
-from foundation.text import shown
 from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
 from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
+from jaxmpm.support.text import shown
 
 Water = float | tuple[tuple[float, float], ...] | Raster
 """Level (m), points (x, z) m or heights (m) of a water table."""

@@ -12,8 +12,8 @@ from cooperative.scene import tables
 from cooperative.scene._fields import LIMITS, RandomField, Span
 from cooperative.scene._plausible import ON_PURPOSE, ask, ask_of_field
 from cooperative.scene._site import SiteLayer
-from foundation.text import shown
 from jaxmpm import FrictionalSoil, Layer, Raster, Soil
+from jaxmpm.support.text import shown
 
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where a scene gives none."""

@@ -19,8 +19,8 @@ from cooperative.scene._measured import NAME
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._words import in_python
 from cooperative.store import MOST_TEXT, SCENE, Source, Store, refuse_another, stored_source, write_aside
-from foundation import files
-from foundation.text import shown
+from jaxmpm.support import files
+from jaxmpm.support.text import shown
 
 BUDGET = "budget.json"
 SLIDES_END = "slides.json"

@@ -25,8 +25,6 @@ from cooperative.scene._site import Site, Water
 from cooperative.scene._soil import field_of, soils_of
 from cooperative.scene._varied import variants_of
 from cooperative.store import Source, table_of
-from foundation.table import decoded
-from foundation.text import short
 from jaxmpm import (
     Discretisation,
     Raster,
@@ -38,6 +36,8 @@ from jaxmpm import (
     cell_independent,
 )
 from jaxmpm.soil import AnySoil
+from jaxmpm.support.table import decoded
+from jaxmpm.support.text import short
 
 LARGEST = 1_000_000
 """Bytes of a scene file at most; a scene has a few thousand."""

@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from cooperative.scene import tables
 from cooperative.store import table_of, tables_of
-from foundation.text import shown
+from jaxmpm.support.text import shown
 
 FIXED = ("campaign", "sweep", "scenario", "name", *tables.STORED)
 """Tables that no path leads into: a sweep has one campaign's samples."""

@@ -27,9 +27,9 @@ import numpy as np
 import shapely
 
 from cooperative.scene._projection import refuse_unmetric
-from foundation import check, files
-from foundation.extras import extra
-from foundation.text import shown
+from jaxmpm.support import check, files
+from jaxmpm.support.extras import extra
+from jaxmpm.support.text import shown
 
 MOST_BYTES = 2**26
 """Largest size (bytes) of a file of features."""

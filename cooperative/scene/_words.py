@@ -36,7 +36,7 @@ from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene.tables import RandomLevel
 from cooperative.store import Source, table_of
-from foundation.text import short
+from jaxmpm.support.text import short
 
 PACKAGES = {"foundation", "jaxmpm", "kl", "cooperative"}
 OFFER = (

@@ -1,6 +1,6 @@
 """A campaign on disk: a folder with its scene and one HDF5 file per finished sample and grid.
 
-Files are written aside and sealed with a checksum (`foundation.files`). A sample file is read as if a stranger had
+Files are written aside and sealed with a checksum (`jaxmpm.support.files`). A sample file is read as if a stranger had
 written it: one that does not match its seal, holds anything but the numbers and texts expected, or is no file at all is
 named, set aside and counted as not done.
 
@@ -39,8 +39,8 @@ from cooperative.store._source import (
     table_of,
     tables_of,
 )
-from foundation.files import DamagedFile, own_folder, write_aside
-from foundation.hdf5 import Scalar
+from jaxmpm.support.files import DamagedFile, own_folder, write_aside
+from jaxmpm.support.hdf5 import Scalar
 
 __all__ = [
     "CAMPAIGN",

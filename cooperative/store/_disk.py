@@ -23,10 +23,10 @@ from numpy.typing import ArrayLike
 
 from cooperative.store._opened import package_versions
 from cooperative.store._samples import COARSE, GRIDS, SLIDES, AnotherScene, Record, Rows, Sample, Store, rows_of
-from foundation import files, hdf5
-from foundation.files import DamagedFile, set_aside
-from foundation.hdf5 import Scalar
-from foundation.text import shown
+from jaxmpm.support import files, hdf5
+from jaxmpm.support.files import DamagedFile, set_aside
+from jaxmpm.support.hdf5 import Scalar
+from jaxmpm.support.text import shown
 
 KIND = "cooperative sample"
 SCHEMA = 1

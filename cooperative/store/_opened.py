@@ -20,9 +20,10 @@ from pathlib import Path
 
 from cooperative.store._samples import GRIDS, SLIDES, Store
 from cooperative.store._source import CAMPAIGN, MOST_TEXT, Source, refuse_another, stored_source
-from foundation import __version__, files
-from foundation.files import write_aside
-from foundation.text import printable, short, shown
+from jaxmpm import __version__
+from jaxmpm.support import files
+from jaxmpm.support.files import write_aside
+from jaxmpm.support.text import printable, short, shown
 
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
 """What file systems answer that have no locks."""

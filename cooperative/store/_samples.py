@@ -11,8 +11,8 @@ from typing import Self
 import numpy as np
 
 from cooperative.store._source import Source
-from foundation.files import DamagedFile
-from foundation.hdf5 import Scalar
+from jaxmpm.support.files import DamagedFile
+from jaxmpm.support.hdf5 import Scalar
 
 GRIDS = ("rough", "refined")
 COARSE = "coarse"

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from foundation import files
-from foundation.files import write_aside
-from foundation.text import short
+from jaxmpm.support import files
+from jaxmpm.support.files import write_aside
+from jaxmpm.support.text import short
 
 SCENE, CAMPAIGN = "scene.toml", "campaign.json"
 """Files of a folder that hold what its campaign was made from, see `Source`."""

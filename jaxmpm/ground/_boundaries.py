@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from foundation import check
-from foundation.text import shown
 from jaxmpm.ground._base import check_bedrock
 from jaxmpm.ground._layer import Layer, Line, check_ends
 from jaxmpm.ground._raster import Raster
 from jaxmpm.laws import WaterTable
 from jaxmpm.setup import RESOLVED, Discretisation, below
+from jaxmpm.support import check
+from jaxmpm.support.text import shown
 
 Height = Callable[[np.ndarray], np.ndarray]
 """Function that gives heights (n,) m of a line at x (n,) m."""

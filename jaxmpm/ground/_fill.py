@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foundation import check
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.ground._base import Heights, share_above
 from jaxmpm.ground._ground import Ground, check_ground, layer_of
@@ -37,6 +36,7 @@ from jaxmpm.setup import (
     settled,
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 

@@ -9,10 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from foundation import check
-from foundation.text import shown
 from jaxmpm.ground._layer import Layer
 from jaxmpm.setup import Discretisation
+from jaxmpm.support import check
+from jaxmpm.support.text import shown
 from jaxmpm.types import Scene, State
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from foundation import check
 from jaxmpm.ground._raster import Raster
 from jaxmpm.soil import AnySoil
+from jaxmpm.support import check
 
 Line = Sequence[Sequence[float]]
 """Points (x, z) m with x rising; two points of the same x make a step."""

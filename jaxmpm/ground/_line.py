@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from foundation import check, files
-from foundation.extras import extra
-from foundation.table import LENGTHS, Table, number, read_table, scale_of, table_of
-from foundation.text import shown
+from jaxmpm.support import check, files
+from jaxmpm.support.extras import extra
+from jaxmpm.support.table import LENGTHS, Table, number, read_table, scale_of, table_of
+from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from scipy.ndimage import distance_transform_edt
 
-from foundation.text import shown
 from jaxmpm.ground._raster import Raster
+from jaxmpm.support.text import shown
 
 ROUNDING = 1e-6
 """Distance from a wall, over its length, within which an edge lies on it."""

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 
-from foundation import check
 from jaxmpm.ground._boundaries import Outline, points_of
 from jaxmpm.ground._layer import Layer, Line
 from jaxmpm.ground._raster import Raster
@@ -18,6 +17,7 @@ from jaxmpm.ground._strata import refuse_holes
 from jaxmpm.laws import WaterSurface, WaterTable
 from jaxmpm.setup import RESOLVED, Discretisation, below
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support import check
 from jaxmpm.types import Scene
 
 WATER_WEIGHT = 9810.0

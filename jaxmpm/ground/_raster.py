@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from foundation import check, files
-from foundation.extras import extra
-from foundation.table import decoded
-from foundation.text import shown
+from jaxmpm.support import check, files
+from jaxmpm.support.extras import extra
+from jaxmpm.support.table import decoded
+from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader

@@ -9,9 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from foundation import check
 from jaxmpm.ground._layer import Layer
 from jaxmpm.soil import AnySoil
+from jaxmpm.support import check
 
 RESOLVING = 2.0
 """Least number of cells in the thickness of a weak layer for its own strength to apply at any position."""

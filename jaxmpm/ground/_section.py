@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-from foundation import check
 from jaxmpm.ground._base import boundary_of_base
 from jaxmpm.ground._boundaries import (
     TOUCHING,
@@ -46,6 +45,7 @@ from jaxmpm.setup import (
     settled,
 )
 from jaxmpm.soil import AnySoil, Interface
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 POINTS = 512

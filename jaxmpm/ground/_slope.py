@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from foundation import check
 from jaxmpm.ground._fill import scene_of
 from jaxmpm.ground._ground import Face, Ground
 from jaxmpm.ground._layer import Layer
@@ -16,6 +15,7 @@ from jaxmpm.ground._section import Section
 from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import Discretisation, cells_up, check_discretisation
 from jaxmpm.soil import AnySoil
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 

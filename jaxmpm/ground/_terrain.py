@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foundation import check
 from jaxmpm.grid import Grid
 from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
 from jaxmpm.ground._boxes import SAMPLED, boxes
@@ -38,6 +37,7 @@ from jaxmpm.setup import (
     settled,
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 POINTS = 64

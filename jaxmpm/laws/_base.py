@@ -8,10 +8,10 @@ from typing import ClassVar, Self, TypeVar
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit, above_zero
 from jaxmpm.grid import Particles
 from jaxmpm.laws._parameter import with_strength_divided
 from jaxmpm.protocols import History, Material
+from jaxmpm.support.check import Limit, above_zero
 
 Kind = TypeVar("Kind", bound=Material)
 

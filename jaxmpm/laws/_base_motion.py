@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit, above_zero
-from foundation.pytrees import pytree
+from jaxmpm.support.check import Limit, above_zero
+from jaxmpm.support.pytrees import pytree
 
 
 @pytree

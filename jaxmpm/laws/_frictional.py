@@ -17,8 +17,6 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit, from_zero
-from foundation.pytrees import pytree
 from jaxmpm.grid import Particles
 from jaxmpm.laws._base import Law
 from jaxmpm.laws._parameter import Parameter
@@ -27,6 +25,8 @@ from jaxmpm.laws._softening import FrictionalSoftening
 from jaxmpm.laws._spectral import isotropic
 from jaxmpm.laws._undrained import add, elastic_increment
 from jaxmpm.protocols import Tensor
+from jaxmpm.support.check import Limit, from_zero
+from jaxmpm.support.pytrees import pytree
 from jaxmpm.tensors import by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
 
 PARAMETERS = {

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
-from foundation.check import Limit
+from jaxmpm.support import check
+from jaxmpm.support.check import Limit
 
 Law = TypeVar("Law")
 

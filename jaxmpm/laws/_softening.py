@@ -14,10 +14,10 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit
-from foundation.pytrees import pytree
 from jaxmpm.laws._parameter import Parameter
 from jaxmpm.protocols import Tensor
+from jaxmpm.support.check import Limit
+from jaxmpm.support.pytrees import pytree
 from jaxmpm.tensors import deviator, safe_sqrt, second_invariant
 
 RATIO = Parameter(least=0.0, most=1.0)

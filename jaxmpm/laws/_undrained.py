@@ -14,13 +14,13 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit, from_zero
-from foundation.pytrees import pytree
 from jaxmpm.grid import Particles
 from jaxmpm.laws._base import Law
 from jaxmpm.laws._parameter import Parameter
 from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
 from jaxmpm.protocols import Component, Tensor
+from jaxmpm.support.check import Limit, from_zero
+from jaxmpm.support.pytrees import pytree
 from jaxmpm.tensors import absent, by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
 
 

@@ -9,8 +9,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from foundation.check import Limit, above_zero
-from foundation.pytrees import pytree
+from jaxmpm.support.check import Limit, above_zero
+from jaxmpm.support.pytrees import pytree
 
 
 @pytree

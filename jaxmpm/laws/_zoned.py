@@ -13,12 +13,12 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation.check import Limit
-from foundation.pytrees import pytree
 from jaxmpm.grid import Particles
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
 from jaxmpm.protocols import History, Material, Tensor
+from jaxmpm.support.check import Limit
+from jaxmpm.support.pytrees import pytree
 from jaxmpm.tensors import absent, placed, rows
 
 Tree = TypeVar("Tree")

@@ -1,5 +1,6 @@
 """Runs: chunks of steps on the device with checks between them on the host; many samples; derivatives."""
 
+from jaxmpm.run import objectives
 from jaxmpm.run._advance import advance, advance_lanes, repeat
 from jaxmpm.run._batch import Chunk, Midway
 from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
@@ -30,6 +31,7 @@ __all__ = [
     "lanes",
     "least_failing_volume",
     "limit_load_scene",
+    "objectives",
     "passing",
     "reduced",
     "repeat",

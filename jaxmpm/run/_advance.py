@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from foundation import check
 from jaxmpm._step import step
 from jaxmpm.equations import grid_position
 from jaxmpm.laws import hardens, snaps_back
 from jaxmpm.run._columns import recorded
+from jaxmpm.support import check
 from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
 

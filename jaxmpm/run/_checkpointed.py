@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import check
 from jaxmpm._step import step
 from jaxmpm.run._advance import begun, lane_status, running
 from jaxmpm.run._checks import check_state
+from jaxmpm.support import check
 from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State, Status

@@ -13,9 +13,9 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
 from jaxmpm import tensors
 from jaxmpm.equations import grid_position
+from jaxmpm.support import check
 from jaxmpm.transfer import locate
 from jaxmpm.types import Columns, Scene, State, Status
 

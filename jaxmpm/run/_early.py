@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import check
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 START = np.array([0.0, 0.0, np.nan, 0.0, np.inf, 0.0, np.nan, 0.0])

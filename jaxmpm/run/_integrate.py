@@ -11,12 +11,12 @@ import numpy as np
 from jax import Array
 from tqdm import tqdm
 
-from foundation import check
 from jaxmpm.run._advance import advance_lanes, running
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._early import check_early
 from jaxmpm.run._stopping import Settle, Watch, check_run, steps_until
 from jaxmpm.setup import check_scene
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from jax import Array
 
-from foundation import check
 from jaxmpm.run._batch import Batch, Chunk, Midway, Sample
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._early import check_early
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Settle, check_run
 from jaxmpm.setup import check_names, check_scene, check_start, vary
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from foundation import check
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.run._checkpointed import replay
 from jaxmpm.setup import check_scene
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
 

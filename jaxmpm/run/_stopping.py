@@ -10,10 +10,10 @@ import jax
 import numpy as np
 from jax import Array
 
-from foundation import check
 from jaxmpm import diagnostics
 from jaxmpm.run._advance import over_lanes
 from jaxmpm.run._early import START, Early, measures
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
 

@@ -13,8 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import check
-from foundation.text import shown
 from jaxmpm.laws import reduce_strength
 from jaxmpm.run._advance import repeat
 from jaxmpm.run._integrate import solve
@@ -22,6 +20,8 @@ from jaxmpm.run._lanes import varied_lanes
 from jaxmpm.run._limit_load import YOUNG, Scale, find_kink, find_start, limit_load_scene, lowest_local, moved
 from jaxmpm.run._stopping import Settle, check_run, farthest
 from jaxmpm.setup import WALL_STRENGTH, check_scene
+from jaxmpm.support import check
+from jaxmpm.support.text import shown
 from jaxmpm.types import Scene, State
 
 

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import check
 from jaxmpm import diagnostics
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 HALVINGS = 50

@@ -8,7 +8,6 @@ from typing import Literal
 import jax
 import numpy as np
 
-from foundation import check
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
@@ -18,6 +17,7 @@ from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.setup._scene import scene, unstressed
 from jaxmpm.soil import AnySoil, warn_of_units
+from jaxmpm.support import check
 from jaxmpm.transfer import band_thickness
 from jaxmpm.types import Scene, State
 

@@ -10,7 +10,6 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 
-from foundation import check
 from jaxmpm.grid import Grid, Wall
 from jaxmpm.setup._build import PADDING, build, end_walls, material_on
 from jaxmpm.setup._discretisation import Discretisation, cells_up, check_discretisation
@@ -18,6 +17,7 @@ from jaxmpm.setup._fill import box_particles
 from jaxmpm.setup._initial_stress import settled
 from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.soil import AnySoil
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 

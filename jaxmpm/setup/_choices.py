@@ -10,15 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from foundation import check
-from foundation.check import Limit
-from foundation.text import shown
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._options import Boundary
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support import check
+from jaxmpm.support.check import Limit
+from jaxmpm.support.text import shown
 from jaxmpm.transfer import Linear, inside, locate
 from jaxmpm.types import Engine, Scene, Scheme
 

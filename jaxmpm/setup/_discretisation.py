@@ -10,9 +10,9 @@ import jax
 import numpy as np
 from jax.typing import DTypeLike
 
-from foundation import check
 from jaxmpm.protocols import Kernel
 from jaxmpm.soil import AnySoil
+from jaxmpm.support import check
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Scheme
 

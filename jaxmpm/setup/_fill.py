@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 
-from foundation import check
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
+from jaxmpm.support import check
 
 
 def fill(

@@ -13,10 +13,10 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
 from jaxmpm.grid import Particles
 from jaxmpm.laws import Zoned, declared, excesses, hardens, in_total_stress, laws_of, snaps_back
 from jaxmpm.protocols import Material
+from jaxmpm.support import check
 from jaxmpm.types import Scene
 
 Found = TypeVar("Found")

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from foundation import check, files
-from foundation.table import MOST_BYTES, Table, decoded, number, scale_of, table_of
-from foundation.text import shown
 from jaxmpm.laws import BaseMotion
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support import check, files
+from jaxmpm.support.table import MOST_BYTES, Table, decoded, number, scale_of, table_of
+from jaxmpm.support.text import shown
 
 LARGEST = 1.0
 """Pseudo-static acceleration at most, over gravity."""

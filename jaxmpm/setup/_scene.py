@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foundation import check
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import BaseMotion, frictional, remembers_gap
 from jaxmpm.protocols import Material
@@ -29,6 +28,7 @@ from jaxmpm.setup._discretisation import Discretisation, check_discretisation, k
 from jaxmpm.setup._law import check_scene, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
 from jaxmpm.setup._options import Boundary, Loads
+from jaxmpm.support import check
 from jaxmpm.tensors import CARRIED
 from jaxmpm.transfer import passes_for
 from jaxmpm.types import Engine, Scene, State, Status

@@ -11,7 +11,6 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.protocols import Material
 from jaxmpm.setup._choices import WALL_STRENGTH, check_of_contact, check_weight_below_water
@@ -19,6 +18,7 @@ from jaxmpm.setup._initial_stress import at_rest, overburden
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._scene import unstressed
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
+from jaxmpm.support import check
 from jaxmpm.types import Scene, State
 
 WATER_LEVEL = "water_level"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from foundation import check
 from jaxmpm.soil._limits import LIMITS
+from jaxmpm.support import check
 
 
 @dataclass(frozen=True)

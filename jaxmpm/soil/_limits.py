@@ -9,10 +9,10 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from foundation import check
-from foundation.check import Limit
 from jaxmpm.protocols import Material
 from jaxmpm.soil._units import PLAUSIBLE, unit_slip
+from jaxmpm.support import check
+from jaxmpm.support.check import Limit
 
 ANGLE = Limit(least=0, most=60, unit="degrees")
 

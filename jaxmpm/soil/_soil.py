@@ -14,7 +14,6 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
 from jaxmpm.laws import (
     J2,
     Decay,
@@ -28,6 +27,7 @@ from jaxmpm.laws import (
     Softening,
 )
 from jaxmpm.soil._limits import LIMITS
+from jaxmpm.support import check
 
 Number = TypeVar("Number", float, Array)
 

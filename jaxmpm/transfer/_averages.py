@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from foundation import check
 from jaxmpm.grid import Grid
 from jaxmpm.protocols import Kernel
+from jaxmpm.support import check
 from jaxmpm.transfer._cells import cell_sums
 from jaxmpm.transfer._shape import locate
 from jaxmpm.types import Engine

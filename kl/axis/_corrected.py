@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation.pytrees import pytree
+from kl._checks import pytree
 from kl.axis._covariance import Covariance
 from kl.types import EitherArray
 

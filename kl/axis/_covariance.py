@@ -23,8 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foundation import check
-from foundation.pytrees import pytree
+from kl._checks import positive, pytree
 from kl.types import EitherArray, Parameter
 
 _IMAGES = 2000
@@ -271,7 +270,7 @@ def from_scale_of_fluctuation(family: type[_Family], scale: Parameter) -> _Famil
     Raises:
         ValueError: If the scale is not above 0.
     """
-    check.positive("scale of fluctuation", scale, "m")
+    positive("scale of fluctuation", scale, "m")
     return family(scale / family.fluctuation)
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
-from foundation.check import require
+from kl._checks import finite, require
 from kl.axis._covariance import Covariance
 from kl.types import EitherArray, HostArray
 
@@ -97,7 +96,7 @@ def haar_transform(cell_values: ArrayLike) -> Array:
     smooth = jnp.asarray(cell_values)
     count = smooth.shape[-1] if smooth.ndim else 0
     require(count >= 1 and count & (count - 1) == 0, f"{count} values along the last axis: give 2^level of them")
-    check.finite("cell values", smooth)
+    finite("cell values", smooth)
     while smooth.shape[-1] > 1:
         left, right = smooth[..., 0::2], smooth[..., 1::2]
         details.append((left - right) / math.sqrt(2))

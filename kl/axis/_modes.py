@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation.pytrees import pytree
+from kl._checks import pytree
 
 # Rounding of a coordinate in float32 may put a point on the boundary just outside it.
 _SLACK = 1e-5

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from foundation.check import is_traced, require
+from kl._checks import is_traced, require
 from kl.axis._corrected import Corrected
 from kl.axis._covariance import Covariance, Exponential, Infinite, Periodic, SquaredExponential, Triangular, on_host
 from kl.axis._matrices import legendre_matrix, nystrom_matrix

@@ -25,8 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.distance import pdist
 
-from foundation import check
-from foundation.check import require
+from kl._checks import finite, require
 from kl.axis import Exponential, Scaled
 from kl.estimation._likelihood import Cell, cells
 from kl.estimation._model import SAME_POSITION, Model
@@ -265,7 +264,7 @@ def _check(points: HostArray, values: HostArray, depth: HostArray | None, margin
     )
     require(count >= FEWEST, f"{count} values: give at least {FEWEST}, fewer show nothing of how soil varies")
     for name, array in (("values", values), ("points", points), ("depth", 0.0 if depth is None else depth)):
-        check.finite(name, array, remedy="leave gaps out")
+        finite(name, array, remedy="leave gaps out")
     if marginal is Lognormal:
         require(values > 0, f"a value of {values.min():g}: a lognormal property is above 0, leave it out or use Normal")
     require(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from foundation.check import require
+from kl._checks import require
 from kl.estimation._fit import FieldFit
 from kl.marginal import Lognormal
 from kl.types import HostArray

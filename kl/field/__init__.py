@@ -4,7 +4,6 @@ from kl.field._bedding import Bedding, rotate
 from kl.field._conditioning import Conditioning, condition, condition_on, conditioned, kriging_variance, mode_matrix
 from kl.field._evaluation import field_at, field_on_lattice
 from kl.field._expansion import Expansion, expand, with_covariance
-from kl.field._files import load, save
 from kl.field._lattice import LatticeRoots, exact_field, exact_lattice
 from kl.field._truncation import (
     CapturedVariance,
@@ -31,11 +30,9 @@ __all__ = [
     "field_at",
     "field_on_lattice",
     "kriging_variance",
-    "load",
     "mode_matrix",
     "rescaled",
     "rotate",
-    "save",
     "variance_at",
     "variance_on_lattice",
     "with_covariance",

@@ -14,8 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from foundation import check
-from foundation.check import require
+from kl._checks import finite, require
 from kl.types import HostArray
 
 
@@ -39,7 +38,7 @@ class Bedding:
 def rotation_matrix(bedding: Bedding, dimension: int) -> HostArray:
     """Unit vectors down dip, along strike and normal as rows (d, d); `matrix @ points` rotates points (d, N)."""
     require(dimension in (2, 3), f"bedding in {dimension} dimension: it needs 2 or 3")
-    check.finite("strike", bedding.strike, remedy="it is an angle in degrees")
+    finite("strike", bedding.strike, remedy="it is an angle in degrees")
     require(0 <= bedding.dip <= 90, f"dip = {bedding.dip} degrees is outside [0, 90]: turn the strike by 180 instead")
     dip, strike = math.radians(bedding.dip), math.radians(bedding.strike)
     if dimension == 2:
@@ -80,5 +79,5 @@ def rotate(bedding: Bedding, points: Array) -> Array:
         ValueError: If the points have another shape or are not finite, or a dip or strike is out of range.
     """
     require(points.ndim == 2, f"points of shape {points.shape}: give (2, N) or (3, N)")
-    check.finite("points", points)
+    finite("points", points)
     return jnp.asarray(rotation_matrix(bedding, points.shape[0]), points.dtype) @ points

@@ -22,9 +22,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from foundation import check
-from foundation.check import require
-from foundation.pytrees import pytree
+from kl._checks import finite, pytree, require
 from kl.axis import scaled_functions
 from kl.field._evaluation import points_in_box
 from kl.field._expansion import Expansion
@@ -140,7 +138,7 @@ def condition_on(matrix: ArrayLike, values: Values, *, error: Values = 0.0) -> C
     noise = np.asarray(error, np.float64)
     require(noise.shape in ((), values.shape), f"error of shape {noise.shape} for {values.size} data: give one each")
     noise = np.broadcast_to(noise, values.shape)
-    check.not_negative("error", noise, remedy="it is a standard deviation in scores")
+    finite("error", noise, remedy="it is a standard deviation in scores", least=0)
     parts = (_many if len(values) > modes.shape[1] else _few)(modes, values, noise, np.finfo(real).eps)
     return Conditioning(*(jnp.asarray(part, real) for part in parts))
 
@@ -203,7 +201,7 @@ def conditioned(conditioning: Conditioning, coefficients: ArrayLike) -> Array:
     given = jnp.asarray(coefficients)
     modes = conditioning.mean.shape[0]
     require(given.shape[-1:] == (modes,), f"coefficients of shape {given.shape}: give (..., {modes}), one a mode")
-    check.finite("coefficients", given)
+    finite("coefficients", given)
     return _conditioned(conditioning, given)
 
 

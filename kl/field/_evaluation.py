@@ -12,8 +12,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
-from foundation.check import is_traced, require
+from kl._checks import finite, is_traced, require
 from kl.axis import Covariance, length_leaves, scaled_functions
 from kl.field._bedding import rotate
 from kl.field._expansion import Expansion
@@ -186,7 +185,7 @@ def _batch_checked(expansion: Expansion, coefficients: ArrayLike) -> Array:
         given.ndim in (1, 2) and given.shape[-1] == expansion.modes,
         f"coefficients of shape {given.shape}: give ({expansion.modes},) or (B, {expansion.modes}), one for each mode",
     )
-    check.finite("coefficients", given)
+    finite("coefficients", given)
     return given
 
 
@@ -194,7 +193,7 @@ def _require_inside(expansion: Expansion, axis: int, x: Array) -> None:
     require(x.size > 0, f"no points along axis {axis}: give at least one")
     if is_traced(x):
         return
-    check.finite(f"points along axis {axis}", x)
+    finite(f"points along axis {axis}", x)
     low, size = expansion.origin[axis], expansion.extent[axis]
     least, most = float(x.min()), float(x.max())
     slack = 5e-6 * size

@@ -22,9 +22,7 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from foundation import check
-from foundation.check import is_traced, require
-from foundation.pytrees import pytree
+from kl._checks import finite, floating, is_traced, positive, pytree, require
 from kl.axis import (
     AxisModes,
     Corrected,
@@ -139,7 +137,7 @@ def expand(
         resolved(each, axis, size, remainder, most)
         for each, axis, size in zip(per_axis, covariance, extent, strict=True)
     )
-    real = jnp.result_type(float, *jax.tree.leaves(covariance)) if dtype is None else check.dtype(dtype)
+    real = jnp.result_type(float, *jax.tree.leaves(covariance)) if dtype is None else floating(dtype)
     _check_near(covariance, origin, extent, real)
     covariance = jax.tree.map(lambda length: jnp.asarray(length, real), covariance)
     axes = all_axis_modes(covariance, solvers, origin, extent)
@@ -184,15 +182,15 @@ def _checked(
     )
     if is_traced(covariance):
         raise ValueError("a correlation length is traced: expand outside and call `with_covariance` in the function")
-    check.finite("origin", origin, remedy="it is the lowest corner of the box in metres")
+    finite("origin", origin, remedy="it is the lowest corner of the box in metres")
     for size in extent:
-        check.positive("extent", size, "m", remedy="it is the size of the box")
+        positive("extent", size, "m", remedy="it is the size of the box")
     for axis, size in zip(covariance, extent, strict=True):
         if isinstance(axis, Periodic):
             require(axis.period == size, f"period = {axis.period} must be the extent of its axis, {size}")
         for length in length_leaves(axis):
             require(np.ndim(length) == 0, f"correlation length of shape {np.shape(length)}: give one number")
-            check.positive("correlation length", length, "m", remedy=_CONSTANT)
+            positive("correlation length", length, "m", remedy=_CONSTANT)
             if isinstance(axis, Periodic):
                 require(length <= 20 * axis.period, f"length = {length} exceeds 20 periods: use `Infinite()`")
     return covariance, tuple(map(float, origin)), tuple(map(float, extent))
@@ -239,7 +237,7 @@ def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) ->
     require(given == families, f"covariance of {given} for an expansion of {families}: give the same families")
     for each in covariance:
         for length in length_leaves(each):
-            check.positive("correlation length", length, "m", remedy=_CONSTANT)
+            positive("correlation length", length, "m", remedy=_CONSTANT)
     for solver, each, old, size in zip(
         expansion.solvers, covariance, expansion.covariance, expansion.extent, strict=True
     ):

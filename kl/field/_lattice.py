@@ -16,9 +16,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
-from foundation.check import require
-from foundation.pytrees import pytree
+from kl._checks import finite, positive, pytree, require
 from kl.axis import Covariance, length_leaves, on_host
 from kl.field._evaluation import contracted, warn_if_coarse
 
@@ -53,10 +51,10 @@ def exact_lattice(covariance: Sequence[Covariance], axes: Sequence[ArrayLike]) -
     roots = []
     for each, axis in zip(covariance, axes, strict=True):
         for length in length_leaves(each):
-            check.positive("correlation length", length, "m", remedy="`Infinite()` is a field constant along an axis")
+            positive("correlation length", length, "m", remedy="`Infinite()` is a field constant along an axis")
         x = np.asarray(axis, np.float64)
         require(x.ndim == 1 and x.size > 0, f"coordinates of shape {x.shape}: give (N,) with N of 1 or more")
-        check.finite("lattice coordinates", x)
+        finite("lattice coordinates", x)
         warn_if_coarse(each, jnp.asarray(axis))
         shares, vectors = np.linalg.eigh(on_host(each)(np.abs(x[:, None] - x)))
         require(
@@ -86,7 +84,7 @@ def exact_field(lattice: LatticeRoots, noise: ArrayLike) -> Array:
         given.shape[-len(shape) :] == shape and given.ndim <= len(shape) + 1,
         f"noise of shape {given.shape}: give {shape}, or a batch of it",
     )
-    check.finite("noise", given)
+    finite("noise", given)
     return _exact_field(lattice, given)
 
 

@@ -16,8 +16,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from foundation import check
-from foundation.check import require
+from kl._checks import finite, positive, require
 from kl.axis import scaled_functions
 from kl.field._evaluation import coefficient_tensor, lattice_in_box, lattice_sum, point_sum, points_in_box
 from kl.field._expansion import Expansion
@@ -128,7 +127,7 @@ def rescaled(field: Array, variance: Array) -> Array:
         ValueError: If the variance is of other points or not above 0.
     """
     _require_of_field(variance, field)
-    check.positive("captured variance", variance, remedy="keep more modes, or points inside the box")
+    positive("captured variance", variance, remedy="keep more modes, or points inside the box")
     return field / jnp.sqrt(variance)
 
 
@@ -150,7 +149,7 @@ def with_residual(field: Array, variance: Array, key: Array) -> Array:
         ValueError: If the variance is of other points or below 0.
     """
     _require_of_field(variance, field)
-    check.not_negative("captured variance", variance)
+    finite("captured variance", variance, least=0)
     missing = jnp.maximum(1 - variance, 0)
     return field + jnp.sqrt(missing) * jax.random.normal(key, field.shape, jnp.float32).astype(field.dtype)
 

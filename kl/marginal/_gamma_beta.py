@@ -9,8 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.scipy.special import betainc, gammainc, gammaincc
 
-from foundation.check import require
-from foundation.pytrees import pytree
+from kl._checks import pytree, require
 from kl.marginal import _quantiles as quantiles
 from kl.marginal._marginals import check_moments, finite_everywhere
 from kl.types import Parameter, size_of

@@ -23,9 +23,7 @@ import numpy as np
 from jax import Array
 from jax.scipy.special import ndtr, ndtri
 
-from foundation import check
-from foundation.check import is_traced, require
-from foundation.pytrees import pytree
+from kl._checks import finite, is_traced, pytree, require
 from kl.marginal import _quantiles as quantiles
 from kl.types import Parameter, size_of
 
@@ -80,7 +78,7 @@ def check_marginal(marginal: Marginal) -> None:
 
 def finite_everywhere(gaussian: Array) -> Array:
     """The field, after a check on the host that it is finite."""
-    check.finite("gaussian field", gaussian, remedy="check the coefficients or the points")
+    finite("gaussian field", gaussian, remedy="check the coefficients or the points")
     return gaussian
 
 

@@ -18,7 +18,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from scipy.special import factorial
 
-from foundation.check import require
+from kl._checks import require
 from kl.axis import Corrected, Covariance, gaussian_correlation, transformed_correlation
 from kl.marginal._marginals import Marginal
 

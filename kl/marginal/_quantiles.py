@@ -18,7 +18,7 @@ from jax import Array
 from jax.scipy.special import betaln, digamma, gammaln, log_ndtr, ndtr, ndtri, zeta
 from jax.scipy.stats import norm
 
-from foundation.check import require
+from kl._checks import require
 from kl.types import Parameter, size_of
 
 # Scores of the tables; Phi(-9) = 1e-19. Beyond, the quantile goes on along its tangent.

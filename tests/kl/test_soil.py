@@ -78,40 +78,6 @@ def test_sobol_integrates_better_than_monte_carlo():
     assert error(kl.sobol) < 0.1 * 0.42 / np.sqrt(1024)
 
 
-@pytest.mark.parametrize(
-    "covariance",
-    [
-        (kl.SquaredExponential(10.0), kl.Matern52(10.0), kl.Infinite()),
-        (kl.Exponential(10.0), kl.axis.Periodic(kl.SquaredExponential(4.0), 10.0), kl.Infinite()),
-    ],
-)
-def test_store_gives_back_the_same_field(tmp_path, covariance):
-    expansion = kl.expand(covariance, *BOX, energy=0.97)
-    kl.save(expansion, tmp_path / "field.h5")
-    assert [path.name for path in tmp_path.iterdir()] == ["field.h5"]
-    again = kl.load(tmp_path / "field.h5")
-    assert jax.tree.structure(again) == jax.tree.structure(expansion)
-    for first, second in zip(jax.tree.leaves(expansion), jax.tree.leaves(again), strict=True):
-        np.testing.assert_array_equal(first, second)
-
-
-def test_store_keeps_corrected_and_bedded_fields(tmp_path):
-    covariance = (
-        kl.marginal.nataf_corrected(kl.SquaredExponential(10.0), kl.Lognormal(1.0, 0.3)),
-        kl.SquaredExponential(3.0),
-    )
-    expansion = kl.expand(
-        covariance, (0.0, 0.0), (20.0, 6.0), solver=kl.axis.Haar(6), bedding=kl.Bedding(10.0), energy=0.99
-    )
-    kl.save(expansion, tmp_path / "field.h5")
-    again = kl.load(tmp_path / "field.h5")
-    assert again.bedding == expansion.bedding
-    assert again.solvers == expansion.solvers
-    points = jnp.array([[1.0, 19.0], [1.0, 5.0]])
-    ones = jnp.ones(expansion.modes)
-    np.testing.assert_array_equal(kl.field_at(again, ones, points), kl.field_at(expansion, ones, points))
-
-
 def test_figures_show_what_they_are_given(expansion, tmp_path):
     mpl.use("Agg")
     axes = (np.arange(0.5, 20), np.arange(0.5, 10), np.arange(0.5, 6))

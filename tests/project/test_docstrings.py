@@ -14,18 +14,18 @@ import cooperative.estimate
 import cooperative.hazard
 import cooperative.measure
 import cooperative.reporting
-import cooperative.research.back_analysis
-import cooperative.research.rare
 import cooperative.runs
 import cooperative.store
 import cooperative.summary
+import cooperative.tools.research.back_analysis
+import cooperative.tools.research.rare
 import cooperative.values
-import foundation.check
-import foundation.files
-import foundation.hdf5
-import foundation.pytrees
-import foundation.text
 import jaxmpm
+import jaxmpm.support.check
+import jaxmpm.support.files
+import jaxmpm.support.hdf5
+import jaxmpm.support.pytrees
+import jaxmpm.support.text
 import kl
 import kl.plots
 from tests import ROOT
@@ -52,9 +52,9 @@ def test_public_names_are_documented():
 # Modules whose functions a script calls by the module's name.
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
-    *(foundation.check, foundation.files, foundation.hdf5, foundation.pytrees, foundation.text),
+    *(jaxmpm.support.check, jaxmpm.support.files, jaxmpm.support.hdf5, jaxmpm.support.pytrees, jaxmpm.support.text),
     *(cooperative.doctor, cooperative.hazard, cooperative.summary, cooperative.values),
-    *(cooperative.research.back_analysis, cooperative.research.rare),
+    *(cooperative.tools.research.back_analysis, cooperative.tools.research.rare),
 )
 LISTED = [
     (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative
@@ -122,7 +122,7 @@ def test_a_missing_and_a_misplaced_line_are_seen():
     assert arguments("What it does, of scene: and state.") == []
 
 
-MODULES = [path for package in ("foundation", "jaxmpm", "kl", "cooperative") for path in (ROOT / package).rglob("*.py")]
+MODULES = [path for package in ("jaxmpm", "kl", "cooperative") for path in (ROOT / package).rglob("*.py")]
 
 # A shape is a tuple as Python writes it: (), (N,), (d, N).
 FOREIGN = {

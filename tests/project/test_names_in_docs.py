@@ -13,7 +13,7 @@ import pytest
 
 from tests import ROOT
 
-PACKAGES = ("foundation", "jaxmpm", "kl")
+PACKAGES = ("jaxmpm", "kl")
 MODULES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 
 # Names in files and texts, which no Python object has.
@@ -28,7 +28,7 @@ FOREIGN = {
 
 SPAN = re.compile(r"`([^`\n]+)`")
 NAME = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
-FILE = re.compile(r"\b(?:benchmarks|cooperative|docs|foundation|jaxmpm|kl|tests)/[\w/.-]+\.(?:cc|h|json|md|py|toml)\b")
+FILE = re.compile(r"\b(?:benchmarks|cooperative|docs|jaxmpm|kl|tests)/[\w/.-]+\.(?:cc|h|json|md|py|toml)\b")
 
 
 def names(text: str) -> list[str]:

@@ -11,15 +11,13 @@ import subprocess
 import sys
 import tomllib
 import warnings
-from importlib import import_module
+from importlib import import_module, metadata
 from types import SimpleNamespace
 
 import pytest
 from packaging.requirements import Requirement
 
-import cooperative
 import jaxmpm
-import kl
 from cooperative import doctor
 from cooperative.__main__ import main
 from cooperative._commands import EXAMPLES, parser
@@ -33,20 +31,20 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
 def test_one_version():
-    assert jaxmpm.__version__ == kl.__version__ == cooperative.__version__
+    assert jaxmpm.__version__ == metadata.version("jaxmpm")
     assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)[1] == jaxmpm.__version__
     assert re.search(r"^## ([0-9.]+)", (ROOT / "CHANGELOG.md").read_text(), re.M)[1] == jaxmpm.__version__
 
 
 def test_every_package_ships_and_says_that_it_is_typed():
     shipped = PROJECT["tool"]["scikit-build"]["wheel"]["packages"]
-    for name in ("foundation", "jaxmpm", "kl", "cooperative"):
+    for name in ("jaxmpm", "kl", "cooperative"):
         assert shipped[name] == name
         assert (ROOT / name / "py.typed").exists()
 
 
 def test_no_file_has_what_a_later_python_warns_of():
-    folders = ("foundation", "jaxmpm", "kl", "cooperative", "benchmarks", "tests", "notebooks")
+    folders = ("jaxmpm", "kl", "cooperative", "benchmarks", "tests", "notebooks")
     files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     assert len(files) > 200
     with warnings.catch_warnings():

@@ -22,8 +22,8 @@ from cooperative.scene.tables._key import (
     key,
     one_of,
 )
-from foundation.check import Limit, above_zero, from_zero
 from jaxmpm import GIMP, Linear, QuadraticBSpline, Scheme
+from jaxmpm.support.check import Limit, above_zero, from_zero
 
 COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_carlo, "sobol": kl.sobol}
 KERNELS = {"gimp": GIMP, "linear": Linear, "quadratic b-spline": QuadraticBSpline}

@@ -22,8 +22,8 @@ from cooperative.scene.tables._key import (
 )
 from cooperative.scene.tables._level import RandomLevel
 from cooperative.scene.tables._varying import Varying
-from foundation.check import Limit
 from jaxmpm.soil import soil_limits
+from jaxmpm.support.check import Limit
 
 _WALLS = "two numbers, the lower one first"
 

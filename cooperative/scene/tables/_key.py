@@ -23,8 +23,8 @@ from pydantic import field_validator as validates
 from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
-from foundation.check import Limit, above_zero, from_zero
-from foundation.text import shown
+from jaxmpm.support.check import Limit, above_zero, from_zero
+from jaxmpm.support.text import shown
 
 EXTRAS = ("unit", "units", "otherwise", "allowed", "remedy", "synonyms", "per", "infinite")
 """What a key's JSON schema has beyond the standard, for messages and for the page of keys."""

@@ -16,8 +16,8 @@ from pydantic_core import ErrorDetails
 from pydantic_core.core_schema import NullableSchema, WithDefaultSchema
 
 from cooperative.scene.tables._scene import Scene
-from foundation.check import Limit
-from foundation.text import shown
+from jaxmpm.support.check import Limit
+from jaxmpm.support.text import shown
 
 Schema = JsonSchemaValue
 

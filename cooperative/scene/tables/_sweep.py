@@ -10,7 +10,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 from pydantic import model_validator as validates
 
 from cooperative.scene.tables._key import FromZero, Length, Several, T, Table, check_name, key, plain_name
-from foundation.text import shown
+from jaxmpm.support.text import shown
 
 LONGEST_NAME = 60
 RECORDS = "motion.record"

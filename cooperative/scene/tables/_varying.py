@@ -21,7 +21,7 @@ from cooperative.scene.tables._key import (
     key,
     one_of,
 )
-from foundation.check import Limit, above_zero
+from jaxmpm.support.check import Limit, above_zero
 from kl.axis import Scaled
 
 CORRELATIONS: dict[str, type[Scaled]] = {

@@ -13,7 +13,7 @@ from cooperative import _commands as command
 from cooperative import campaign
 from cooperative.scene import parse
 from cooperative.store import read_sample, read_store, sample_path
-from foundation import hdf5
+from jaxmpm.support import hdf5
 
 SMALL = SCENE.replace("samples = 50", "samples = 16").replace("refined_runs = 15", "refined_runs = 10")
 

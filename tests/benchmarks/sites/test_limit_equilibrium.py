@@ -9,7 +9,7 @@ import shapely
 
 import jaxmpm as mpm
 from benchmarks.sites import limit_equilibrium, slopes
-from cooperative import safety
+from cooperative.tools import safety
 
 LAYERED = [case for case in slopes.cases() if isinstance(case.soil, Sequence)]
 

@@ -312,7 +312,7 @@ def test_no_two_objects_of_the_packages_have_the_same_name_in_words():
 
 
 @pytest.mark.parametrize(
-    "name", ["kl.save", "kl.load", "jaxmpm.save_state", "jaxmpm.write_vtkhdf", "jaxmpm.read_raster"]
+    "name", ["jaxmpm.save_state", "jaxmpm.load_state", "jaxmpm.write_vtkhdf", "jaxmpm.read_raster"]
 )
 def test_no_words_lead_to_a_function_that_opens_files(name):
     assert of_words({"offered": "kl.sobol"}, "coefficients") is kl.sobol

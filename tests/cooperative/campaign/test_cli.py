@@ -10,14 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cooperative import runs, sweep
+from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _progress as progress
 from cooperative.scene import parse, read_scene
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 from cooperative.summary import summarise
-from foundation.text import duration
+from cooperative.tools import sweep
+from jaxmpm.support.text import duration
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.jaxmpm.run.test_io import vtk_steps
@@ -276,7 +277,7 @@ def test_commands_work_in_an_ascii_locale_with_stderr_closed(tmp_path):
 
 def test_every_text_file_that_a_package_opens_has_an_encoding():
     without = []
-    for package in ("foundation", "jaxmpm", "kl", "cooperative"):
+    for package in ("jaxmpm", "kl", "cooperative"):
         for path in (ROOT / package).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 name = getattr(node.func, "attr", getattr(node.func, "id", "")) if isinstance(node, ast.Call) else ""

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.statistics.sweeps import CASES, LEVELS, Case, repeat, summarise
-from cooperative import Population, sweep
+from cooperative import Population
 from cooperative.estimate import SharedAudit, TwoPhase, paired_difference, shared_audit, unit_of
+from cooperative.tools import sweep
 
 SAMPLES, RUNS = 40, 16
 

@@ -15,8 +15,8 @@ from cooperative.runs import _executors, build, keep_initial, random_soil, verif
 from cooperative.runs._built import initial_path
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_store, sample_path
-from foundation.files import set_aside
-from foundation.pytrees import pytree
+from jaxmpm.support.files import set_aside
+from jaxmpm.support.pytrees import pytree
 
 SCENE = TINY.replace("samples = 6", "samples = 3").replace("t_end = 4.0", "t_end = 0.5")
 ASKED = parse(SCENE)

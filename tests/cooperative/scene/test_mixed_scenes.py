@@ -10,9 +10,9 @@ import pytest
 import cooperative
 import jaxmpm as mpm
 from benchmarks.robustness.invented import TINY
-from cooperative.research.back_analysis import Parameters, Survey, predict
 from cooperative.runs import grid_size
 from cooperative.scene import parse
+from cooperative.tools.research.back_analysis import Parameters, Survey, predict
 from tests import ROOT
 from tests.scenes import model_of
 

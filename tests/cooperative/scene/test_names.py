@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative import sweep
 from cooperative.reporting import save, sweeps
 from cooperative.scene import parse, read_scene, tables, to_toml, variants
-from cooperative.soundings import read_files
 from cooperative.store import Source
+from cooperative.tools import sweep
+from cooperative.tools.soundings import read_files
 from tests.cooperative.campaign.test_campaign import TINY
 
 SECTION = (

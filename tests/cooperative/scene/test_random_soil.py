@@ -8,9 +8,9 @@ import pytest
 import kl
 from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative import runs
-from cooperative.research.rare import slide_limit_state
 from cooperative.scene import parse
-from cooperative.sweep import variants
+from cooperative.tools.research.rare import slide_limit_state
+from cooperative.tools.sweep import variants
 from jaxmpm import FrictionalSoil
 from jaxmpm.laws import DruckerPrager, MohrCoulomb
 from tests.scenes import model_of, tables

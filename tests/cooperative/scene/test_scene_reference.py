@@ -8,12 +8,12 @@ import jsonschema
 import pytest
 
 from benchmarks.robustness.invented import LAYERED, TERRAIN
-from cooperative import sweep
 from cooperative.estimate import MonteCarlo, Sampling, Subset, TwoPhase
 from cooperative.scene import SEVERAL, TABLES, built, examples, json_schema, markdown, parse, to_toml
 from cooperative.scene._page import write
 from cooperative.scene._soil import OF_FRICTION
 from cooperative.scene.tables import schema_of
+from cooperative.tools import sweep
 from jaxmpm.soil import soil_limits
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cooperative.scene import parse
-from tests.foundation.test_table import written
+from tests.jaxmpm.support.test_table import written
 from tests.scenes import tables
 
 SURFACE = [(0.0, 10.0), (16.5, 10.0), (24.5, 4.125), (40.0, 4.125)]

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cooperative import safety
 from cooperative.scene import parse, remarks
 from cooperative.scene._soil import _top_of
+from cooperative.tools import safety
 from tests.scenes import model_of
 
 CUT = """

@@ -7,9 +7,9 @@ import pytest
 
 from cooperative.laboratory import read_rows
 from cooperative.scene import parse
-from cooperative.soundings import read_files
 from cooperative.store import Source
 from cooperative.store._source import MOST_ENTRIES, check_bounds, stored_source
+from cooperative.tools.soundings import read_files
 from jaxmpm import read_line, read_motion, read_raster
 from tests.cooperative.campaign.test_campaign import TINY
 

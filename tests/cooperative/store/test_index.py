@@ -22,7 +22,7 @@ from cooperative.store import (
     write_sample,
 )
 from cooperative.store._disk import read_file, rows_of
-from foundation import files
+from jaxmpm.support import files
 from tests.cooperative.store.test_store import SCENE, TICK, sample
 
 

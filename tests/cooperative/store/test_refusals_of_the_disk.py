@@ -14,7 +14,7 @@ import pytest
 from cooperative.__main__ import main
 from cooperative.reporting._exports import export
 from cooperative.store import open_store
-from foundation import files
+from jaxmpm.support import files
 from tests.cooperative.store.test_store import SCENE
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from foundation import check
-from foundation.check import Limit
+from jaxmpm.support import check
+from jaxmpm.support.check import Limit
 
 NAN, INF = float("nan"), float("inf")
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)

@@ -10,7 +10,7 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.robustness.hostile_files import lay_baits, no_files, replacements_of, resealed
-from foundation.files import DamagedFile
+from jaxmpm.support.files import DamagedFile
 
 SLOPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=6.0, foundation=2.0)
 COARSE = {2: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0)), 3: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0, 1.0))}

@@ -1,0 +1,24 @@
+"""The factor of safety of a campaign's slope at once: limit equilibrium beside the solver's limit load."""
+
+from cooperative.tools.safety._factor import Safety, factor_of_safety
+from cooperative.tools.safety._pictures import draw_safety, write_safety
+from cooperative.tools.safety._search import Critical, critical_surface
+from cooperative.tools.safety._slices import Circle, Conditions, Slices, Slip, zones
+from cooperative.tools.safety._words import lines_of_equilibrium, lines_of_solver, progress_line
+
+__all__ = [
+    "Circle",
+    "Conditions",
+    "Critical",
+    "Safety",
+    "Slices",
+    "Slip",
+    "critical_surface",
+    "draw_safety",
+    "factor_of_safety",
+    "lines_of_equilibrium",
+    "lines_of_solver",
+    "progress_line",
+    "write_safety",
+    "zones",
+]
