@@ -7,6 +7,8 @@ import os
 import signal
 import sys
 
+from cooperative._arguments import parser
+
 
 def _open_streams() -> None:
     """Open each standard stream that is closed to nowhere.
@@ -34,9 +36,10 @@ def main(arguments: list[str] | None = None) -> int:
         The exit code.
     """
     _open_streams()
+    args = parser().parse_args(arguments)
     # XLA writes to stderr about the tuning of programs that it reads from its cache.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    if (sys.argv[1:] if arguments is None else arguments)[:1] == ["site"]:
+    if args.command == "site":
         # On matrices of 240 rows threads of BLAS wait for each other: two busy cores take 25 times as long.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     before = signal.getsignal(signal.SIGINT)
@@ -44,9 +47,12 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         from cooperative import _commands
+
+        if args.command not in _commands.WITHOUT_JAX:
+            pass
     finally:
         signal.signal(signal.SIGINT, before)
-    return _commands.main(arguments)
+    return _commands.execute(args)
 
 
 if __name__ == "__main__":

@@ -17,14 +17,13 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
+from cooperative.names import DRAWN_SLIDES
 from cooperative.scene import Campaign, Given, campaign_of
 from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
 from cooperative.summary import summarise
 from cooperative.values import Summary
 from jaxmpm.support import files
 
-SLIDES = 3
-"""Slides that a report draws at several times, unless the caller gives another number."""
 SUMMARY = "summary.json"
 MOST_BYTES = 2**26
 """Largest size (bytes) of a summary, or of what it is made from."""
@@ -54,7 +53,7 @@ class Results:
     summary: Summary
     left_out: tuple[str, ...] = ()
 
-    def drawn(self, most: int = SLIDES) -> tuple[str, list[int]]:
+    def drawn(self, most: int = DRAWN_SLIDES) -> tuple[str, list[int]]:
         """Grid and numbers of the samples that a report draws.
 
         These are the farthest of each failure mode that occurs, then the next farthest; where nothing failed, the one
@@ -72,7 +71,7 @@ class Results:
         chosen = dict.fromkeys([falls[0], *(at for at in leaders if at is not None), *falls])
         return grid, [rows.numbers[at] for at in list(chosen)[: max(most, 1)]]
 
-    def soils(self, most: int = SLIDES) -> list[tuple[str, int]]:
+    def soils(self, most: int = DRAWN_SLIDES) -> list[tuple[str, int]]:
         """Grid and sample of each random soil that a report draws: of the first sample on both grids."""
         grid, (first, *others) = self.drawn(most)
         return [*((each, first) for each in GRIDS), *((grid, number) for number in others)]

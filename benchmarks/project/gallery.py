@@ -16,11 +16,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from benchmarks.measure import ROOT
+from cooperative.example_scenes import begin
 from cooperative.folder import models_of
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import panels
 from cooperative.runs import coefficients_of, cost_of, ground_of, soil_of
-from cooperative.scene import Campaign, begin, campaigns_of
+from cooperative.scene import Campaign, campaigns_of
 from jaxmpm.support.files import write_aside
 
 TRIAL = 10.0

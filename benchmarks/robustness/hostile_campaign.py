@@ -10,7 +10,8 @@ from multiprocessing import connection, parent_process
 from pathlib import Path
 
 from benchmarks.robustness import invented
-from cooperative import _commands as command
+from cooperative import reporting
+from cooperative.__main__ import main
 
 SECONDS = 0.02
 """Of a made-up run."""
@@ -36,7 +37,7 @@ if parent_process() is not None and invented.TORN in os.environ:
     torn()
 invented.invent(SECONDS)
 # Made-up fields belong to no particles that could be drawn.
-command.report = lambda folder, **_: f"{folder}"  # type: ignore[attr-defined]
+reporting.report = lambda folder, **_: f"{folder}"  # type: ignore[assignment]
 
 if __name__ == "__main__":
-    sys.exit(command.main())
+    sys.exit(main())

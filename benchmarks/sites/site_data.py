@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import ROOT, Report
-from cooperative.scene import example, parse
+from cooperative.example_scenes import example
+from cooperative.scene import parse
 from cooperative.tools import safety
 from cooperative.tools.soundings import corrected_cone, read_files, thinned
 from kl.estimation import FieldFit, fit_field, predicted

@@ -7,6 +7,7 @@ from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._interactive import figures as interactive_figures
+from cooperative.reporting._interactive import installed as interactive
 from cooperative.reporting._page import document, heading, headline, paragraph
 from cooperative.reporting._page import table as html_table
 from cooperative.reporting._plots import draw_particles, quantity, save
@@ -25,6 +26,7 @@ __all__ = [
     "heading",
     "headline",
     "html_table",
+    "interactive",
     "interactive_figures",
     "limits",
     "panels",

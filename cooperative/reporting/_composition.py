@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Exceedance
-from cooperative.folder import SLIDES, Results, models_of, read_results
+from cooperative.folder import Results, models_of, read_results
 from cooperative.hazard import THICKNESS, Maps, maps_of
+from cooperative.names import DRAWN_SLIDES
 from cooperative.reporting import _bodies as bodies
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _interactive as interactive
@@ -33,7 +34,9 @@ LOSS = {"loss": "loss [currency of the scene]"}
 """Label of an axis, as `labels` has those of consequences."""
 
 
-def report(folder: str | Path, *, slides: int = SLIDES, again: bool = False, estimator: Estimator | None = None) -> str:
+def report(
+    folder: str | Path, *, slides: int = DRAWN_SLIDES, again: bool = False, estimator: Estimator | None = None
+) -> str:
     """Draw the figures of a campaign into `figures/` and write `report.html` with all of them.
 
     Args:

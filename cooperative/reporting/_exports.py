@@ -12,6 +12,7 @@ import numpy as np
 from cooperative.estimate import Estimator
 from cooperative.folder import known_summary, models_of, read_results, stored_ground
 from cooperative.hazard import Maps, maps_of
+from cooperative.names import EXPORTS, GRIDS, USUAL_EXPORTS
 from cooperative.reporting._dataset import write_geotiff, write_netcdf
 from cooperative.reporting._map_files import write_geopackage, write_notice, write_tidy
 from cooperative.reporting._tables import rows_of, write_table
@@ -27,12 +28,10 @@ from cooperative.runs import (
     soil_of,
 )
 from cooperative.scene import campaign_of
-from cooperative.store import GRIDS, Sample, Store, own_folder, read_sample, read_store, sample_path
+from cooperative.store import Sample, Store, own_folder, read_sample, read_store, sample_path
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 from jaxmpm.support.files import remove_leftovers
 
-DEFAULT = ("table", "particles", "maps")
-KINDS = (*DEFAULT, "geotiff", "geopackage", "netcdf")
 IN_PLAN = ("geotiff", "geopackage")
 """Kinds of maps that a section does not have."""
 
@@ -65,9 +64,9 @@ def export(
             folder has no finished sample.
         OSError: the disk refuses.
     """
-    asked, kinds = kinds or (), kinds or DEFAULT
-    if wrong := [kind for kind in kinds if kind not in KINDS]:
-        raise ValueError(f"{wrong[0]!r} is no kind of export: give one of {', '.join(KINDS)}")
+    asked, kinds = kinds or (), kinds or USUAL_EXPORTS
+    if wrong := [kind for kind in kinds if kind not in EXPORTS]:
+        raise ValueError(f"{wrong[0]!r} is no kind of export: give one of {', '.join(EXPORTS)}")
     store = read_store(folder)
     for written in (store.folder, store.folder / "maps", store.folder / "series"):
         remove_leftovers(written)

@@ -1,7 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_samples
-from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
 from cooperative.scene._fields import CONTACT, TAIL, CrossCorrelation, RandomField
 from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
@@ -38,11 +37,9 @@ from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
 __all__ = [
     "BASE",
     "CONTACT",
-    "NAMED",
     "RANKED",
     "SCALES",
     "SCENARIO",
-    "SCHEMA",
     "SEVERAL",
     "TABLES",
     "TAIL",
@@ -61,7 +58,6 @@ __all__ = [
     "Site",
     "SiteLayer",
     "Variant",
-    "begin",
     "built",
     "campaign_of",
     "campaigns_of",
@@ -70,8 +66,6 @@ __all__ = [
     "check_seams",
     "compare_projections",
     "doubts",
-    "example",
-    "examples",
     "factors_of_safety",
     "failing_volume",
     "in_folder",
@@ -86,7 +80,6 @@ __all__ = [
     "read_scene",
     "remarks",
     "settled",
-    "starters",
     "stored_budget",
     "stored_measured",
     "to_toml",
@@ -95,7 +88,6 @@ __all__ = [
     "with_measured",
     "with_measured_of_base",
     "write_budget",
-    "write_example",
     "write_measured",
     "write_slides_end",
 ]

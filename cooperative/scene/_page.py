@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import get_origin
 
+from cooperative.example_scenes import NAMED, SCHEMA
 from cooperative.scene import tables
-from cooperative.scene._examples import NAMED, SCHEMA
 from cooperative.scene._files import toml_value
 from jaxmpm.support.files import write_aside
 

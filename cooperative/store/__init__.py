@@ -18,6 +18,7 @@ named, set aside and counted as not done.
     .lock                         held by the one controller; the kernel frees it when the process ends
 """
 
+from cooperative.names import GRIDS
 from cooperative.store._disk import (
     check_frames,
     read_rows,
@@ -27,7 +28,7 @@ from cooperative.store._disk import (
     write_sample,
 )
 from cooperative.store._opened import lock_holder, open_store, read_store
-from cooperative.store._samples import COARSE, GRIDS, MOVING, SLIDES, Record, Rows, Sample, Store, mixed_versions
+from cooperative.store._samples import COARSE, MOVING, SLIDES, Record, Rows, Sample, Store, mixed_versions
 from cooperative.store._source import (
     CAMPAIGN,
     MOST_TEXT,

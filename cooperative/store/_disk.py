@@ -21,8 +21,9 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cooperative.names import GRIDS
 from cooperative.store._opened import package_versions
-from cooperative.store._samples import COARSE, GRIDS, SLIDES, AnotherScene, Record, Rows, Sample, Store, rows_of
+from cooperative.store._samples import COARSE, SLIDES, AnotherScene, Record, Rows, Sample, Store, rows_of
 from jaxmpm.support import files, hdf5
 from jaxmpm.support.files import DamagedFile, set_aside
 from jaxmpm.support.hdf5 import Scalar

@@ -18,7 +18,8 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from cooperative.store._samples import GRIDS, SLIDES, Store
+from cooperative.names import GRIDS
+from cooperative.store._samples import SLIDES, Store
 from cooperative.store._source import CAMPAIGN, MOST_TEXT, Source, refuse_another, stored_source
 from jaxmpm import __version__
 from jaxmpm.support import files

@@ -14,7 +14,6 @@ from cooperative.store._source import Source
 from jaxmpm.support.files import DamagedFile
 from jaxmpm.support.hdf5 import Scalar
 
-GRIDS = ("rough", "refined")
 COARSE = "coarse"
 """A grid before the rough one, which a campaign may have: it chooses the samples of that one."""
 SLIDES = "slides"

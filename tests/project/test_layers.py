@@ -20,10 +20,11 @@ ROOMS = {
     ),
     "kl": "_checks types axis marginal sampling field estimation soil plots",
     "cooperative": (
-        "store measure estimate laboratory scene runs values summary folder hazard campaign reporting doctor tools"
+        "names store measure estimate laboratory example_scenes scene runs values summary folder hazard campaign "
+        "reporting doctor tools"
     ),
 }
-ENTRANCES = {"cooperative": {"__main__", "_commands"}}
+ENTRANCES = {"cooperative": {"__main__", "_arguments", "_commands"}}
 # What is no campaign stands apart: the commands and users import it, the rest of `cooperative` never does.
 WING = "cooperative.tools"
 FOREIGN = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.project import docs
-from cooperative._commands import parser
+from cooperative._arguments import parser
 from cooperative.scene import parse
 from cooperative.store import read_store
 from tests.scenes import write_gef

@@ -1,6 +1,6 @@
 """A site from its files: soundings and laboratory values to layers, estimates with intervals, and a part of a scene."""
 
-from cooperative.tools.site._arguments import add_arguments, answer
+from cooperative.tools.site._arguments import answer
 from cooperative.tools.site._assumed import Assumed
 from cooperative.tools.site._estimate import SiteEstimate, SiteLayerFit, estimate_site
 from cooperative.tools.site._write import words, write_site
@@ -9,7 +9,6 @@ __all__ = [
     "Assumed",
     "SiteEstimate",
     "SiteLayerFit",
-    "add_arguments",
     "answer",
     "estimate_site",
     "words",

@@ -1,11 +1,10 @@
-"""Arguments of `jaxmpm site`."""
+"""Answers of `jaxmpm site` to its arguments."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from cooperative.scene import national_origin
 from cooperative.scene.tables import CORRELATIONS
@@ -16,51 +15,6 @@ from cooperative.tools.site._write import words, write_site
 from cooperative.tools.soundings import SiteError
 from jaxmpm import read_raster
 from jaxmpm.support.text import printable
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command.
-
-    Args:
-        parser: of the command.
-    """
-    parser.add_argument("files", type=Path, nargs="+", help="soundings and laboratory values: GEF, BRO XML, AGS4, CSV")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
-    parser.add_argument(
-        "--n-kt", type=float, nargs="+", metavar="N", help="cone factor of undrained strength, and its deviation"
-    )
-    parser.add_argument(
-        "--layers", type=float, nargs="*", metavar="Z", help="elevations between layers, from the top down (proposed)"
-    )
-    parser.add_argument("--unit-weight", type=float, default=18e3, metavar="N/M3", help="of the soil (%(default)g)")
-    parser.add_argument(
-        "--area-ratio", type=float, metavar="A", help="net, of cones whose file has u_2 and none, such as 0.8"
-    )
-    parser.add_argument("--water", type=float, default=1.0, metavar="M", help="depth of the water table (%(default)g)")
-    parser.add_argument("--line", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="of a section")
-    parser.add_argument(
-        "--origin",
-        type=float,
-        nargs=2,
-        metavar=("X", "Y"),
-        help="to subtract in 3D (with --surface in a national grid a round corner of it, else 0 0)",
-    )
-    parser.add_argument(
-        "--surface", type=Path, metavar="RASTER", help="heights of the ground, for a whole scene: ASCII grid or GeoTIFF"
-    )
-    parser.add_argument(
-        "--section", type=Path, metavar="TOML", help="scene with [ground] and without soil, for a whole scene"
-    )
-    parser.add_argument(
-        "--base", type=float, metavar="Z", help="elevation of the scene's base: none below conditions it"
-    )
-    parser.add_argument("--marginal", choices=("lognormal", "normal"), default="lognormal", help="(%(default)s)")
-    parser.add_argument(
-        "--correlation", choices=tuple(CORRELATIONS), default="exponential", metavar="FAMILY", help="(%(default)s)"
-    )
-    parser.add_argument(
-        "--units", nargs="+", default=(), metavar="COLUMN=UNIT", help="of CSV columns whose header has none"
-    )
 
 
 def answer(given: argparse.Namespace) -> list[str]:
@@ -74,6 +28,8 @@ def answer(given: argparse.Namespace) -> list[str]:
     """
     if given.section is not None and given.surface is not None:
         raise SiteError("--section is ground of a section and --surface that of a terrain: give one of them")
+    if given.correlation not in CORRELATIONS:
+        raise SiteError(f"--correlation {given.correlation}: give one of {', '.join(CORRELATIONS)}")
     units = dict(each.partition("=")[::2] for each in given.units)
     line = None if given.line is None else (tuple(given.line[:2]), tuple(given.line[2:]))
     origin = given.origin

@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.robustness import foreign_files, hostile_scenes, lives, robustness
 from benchmarks.robustness.invented import SCENE
-from cooperative import _commands as command
-from cooperative import campaign
+from cooperative import _commands, campaign
 from cooperative.scene import parse
 from cooperative.store import read_sample, read_store, sample_path
 from jaxmpm.support import hdf5
@@ -59,7 +58,7 @@ def refusal(text):
     ],
 )
 def test_an_answer_differs_from_a_traceback_noise_and_a_folder_left_behind(does, how, tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "run", does)
+    monkeypatch.setitem(_commands.COMMANDS, "run", does)
     assert hostile_scenes.asked("", tmp_path).how == how
 
 

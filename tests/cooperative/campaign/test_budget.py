@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.robustness.invented import SCENE
-from cooperative import _commands as command
-from cooperative import campaign
+from cooperative import campaign, reporting
 from cooperative.__main__ import main
 from cooperative.scene import Budget, campaign_of, stored_budget
 from cooperative.store import read_rows, read_store
@@ -46,7 +45,7 @@ def test_a_campaign_whose_rough_runs_broke_off_has_a_way_out(tmp_path, capsys, m
         in printed
     )
     # Its figures would need real grids.
-    monkeypatch.setattr(command, "report", lambda folder: "told")
+    monkeypatch.setattr(reporting, "report", lambda folder: "told")
     assert main(["resume", str(folder), "--workers", "1", "--refined-runs", "30"]) == 0
     refined = read_rows(read_store(folder), "refined")
     assert len(refined.numbers) == 30

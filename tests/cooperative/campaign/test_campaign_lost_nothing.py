@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.robustness import invented, lives
 from benchmarks.robustness.invented import SCENE
-from cooperative import _commands as command
-from cooperative import campaign
+from cooperative import campaign, reporting
 from cooperative.__main__ import main
 from cooperative.store import _disk, open_store, read_rows, read_sample, read_store, sample_path, write_sample
 
@@ -77,7 +76,7 @@ def test_a_file_that_rotted_unseen_is_redone_when_asked_to_verify(undisturbed, t
     path.write_bytes(data)
     # A bit that flips on the disk changes neither size nor times.
     monkeypatch.setattr(_disk, "stamp_of", lambda each: before if each == path else real(each))
-    monkeypatch.setattr(command, "report", lambda folder: "")
+    monkeypatch.setattr(reporting, "report", lambda folder: "")
     campaign.run(SCENE, folder)
     assert not path.with_name("000007.h5.damaged").exists()
     with pytest.warns(UserWarning, match=r"000007\.h5 does not match its checksum.*set aside, the sample is run again"):

@@ -286,3 +286,18 @@ def test_every_text_file_that_a_package_opens_has_an_encoding():
                     binary = any(isinstance(each, ast.Constant) and "b" in str(each.value) for each in node.args[1:])
                     without += [] if "encoding" in words or binary else [f"{path}:{node.lineno}"]
     assert without == []
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["check", "--help"], ["--version"], ["run"], ["new"], ["example", "demo"]]
+)
+def test_what_computes_nothing_loads_no_jax(arguments, tmp_path):
+    script = """if True:
+        import contextlib, sys
+        from cooperative.__main__ import main
+        with contextlib.suppress(SystemExit):
+            main(sys.argv[1:])
+        print("jax" in sys.modules, "numpy" in sys.modules)
+    """
+    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout.splitlines()[-1] == "False False"

@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from cooperative.example_scenes import example
 from cooperative.runs import reach_of
 from cooperative.runs._reach import run_out
-from cooperative.scene import example, parse
+from cooperative.scene import parse
 from tests.scenes import tables
 
 DEMO = example("demo")

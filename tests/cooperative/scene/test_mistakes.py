@@ -7,7 +7,8 @@ import pytest
 from benchmarks.robustness.invented import SUBSET
 from cooperative import runs
 from cooperative.__main__ import main
-from cooperative.scene import example, parse, remarks
+from cooperative.example_scenes import example
+from cooperative.scene import parse, remarks
 
 DEMO, EMBANKMENT = example("demo"), example("embankment")
 SAND = "[soil]\nunit_weight = 20e3\nyoung = 5e7\npoisson = 0.3\nfriction = 30.0\n"

@@ -4,9 +4,10 @@ import re
 
 import pytest
 
-from cooperative import _commands as command
 from cooperative.__main__ import main
-from cooperative.scene import begin, parse, read_scene
+from cooperative._commands import parser, read_source
+from cooperative.example_scenes import begin
+from cooperative.scene import parse, read_scene
 
 SECRET = "1 2\n3 hunter2:x:0:0\n"
 
@@ -75,8 +76,8 @@ def test_a_file_outside_is_read_where_the_user_allows_it(scene):
     assert parse(source).site.shape == parse(given(scene, "line.csv")).site.shape
     given(scene, "../line.csv")
     for arguments in (["check"], ["draw"], ["fos"], ["run", "--out", "o"], ["sweep", "--out", "o"]):
-        whole = command.parser().parse_args([*arguments, str(path), "--allow-outside"])
-        assert command._scene(whole) == source
+        whole = parser().parse_args([*arguments, str(path), "--allow-outside"])
+        assert read_source(whole) == source
 
 
 def test_a_link_for_the_results_of_fos_is_not_followed(scene, tmp_path, capsys):

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative import run, runs
-from cooperative.scene import example
+from cooperative.example_scenes import example
 from cooperative.tools import sweep
 from tests.cooperative.campaign.test_sweep import SWEEP
 from tests.cooperative.effects.test_exposed import HAZARD

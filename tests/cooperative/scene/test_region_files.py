@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cooperative.scene import begin, parse, read_scene, remarks
+from cooperative.example_scenes import begin
+from cooperative.scene import parse, read_scene, remarks
 from cooperative.scene._region import shift_of
 
 ORIGIN = (689000.0, 5334000.0)

@@ -6,8 +6,9 @@ import pytest
 
 from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative.__main__ import main
+from cooperative.example_scenes import SCHEMA, starters
 from cooperative.runs import check_size, grid_size
-from cooperative.scene import SCHEMA, parse, read_scene, starters, to_toml
+from cooperative.scene import parse, read_scene, to_toml
 
 
 @pytest.mark.parametrize("kind", ["section", "slope", "terrain"])

@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative.estimate import MonteCarlo, Sampling, Subset, TwoPhase
-from cooperative.scene import SEVERAL, TABLES, built, examples, json_schema, markdown, parse, to_toml
+from cooperative.example_scenes import examples
+from cooperative.scene import SEVERAL, TABLES, built, json_schema, markdown, parse, to_toml
 from cooperative.scene._page import write
 from cooperative.scene._soil import OF_FRICTION
 from cooperative.scene.tables import schema_of

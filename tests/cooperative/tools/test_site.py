@@ -8,7 +8,7 @@ import pytest
 import kl
 from benchmarks.robustness.invented import TINY
 from cooperative import runs
-from cooperative._commands import main
+from cooperative.__main__ import main
 from cooperative.laboratory import read_rows
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.scene import parse, remarks

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cooperative._commands import main
+from cooperative.__main__ import main
 from cooperative.laboratory import read_rows
 from cooperative.scene import parse
 from cooperative.tools.site import Assumed, estimate_site

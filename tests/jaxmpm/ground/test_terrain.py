@@ -11,7 +11,8 @@ from matplotlib.cbook import get_sample_data
 import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import runs
-from cooperative.scene import begin, parse, read_scene, to_toml
+from cooperative.example_scenes import begin
+from cooperative.scene import parse, read_scene, to_toml
 from cooperative.scene._files import packed
 from tests.scenes import model_of
 

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from cooperative import _commands
 from cooperative.__main__ import main
-from cooperative.scene import example, parse
+from cooperative.example_scenes import example
+from cooperative.scene import parse
 from cooperative.store import open_store, read_rows
 from jaxmpm.support import check
 from jaxmpm.support.text import MOST_SHOWN, csv_text, literal, printable, short, shown
@@ -97,7 +98,7 @@ def test_a_warning_of_a_command_is_one_line(tmp_path, monkeypatch, capsys):
         warnings.warn(f"in {given.folder.name} \x1b[31m something is odd", stacklevel=1)
         raise ValueError("it cannot be read")
 
-    monkeypatch.setattr(_commands, "status", status)
+    monkeypatch.setitem(_commands.COMMANDS, "status", status)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         warnings.showwarning = lambda message, *_: sys.stderr.write(warnings.formatwarning(message, Warning, "", 0))

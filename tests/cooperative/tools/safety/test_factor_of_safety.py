@@ -12,8 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import jaxmpm as mpm
 from cooperative.__main__ import main
+from cooperative.example_scenes import example
 from cooperative.runs import coefficients_of
-from cooperative.scene import example, parse
+from cooperative.scene import parse
 from cooperative.tools import safety
 from cooperative.tools.safety import _factor, _pictures
 from jaxmpm.run import FactorOfSafety

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from pathlib import Path
-
-import numpy as np
 
 import cooperative
 from jaxmpm.support.files import write_aside
@@ -95,11 +94,17 @@ def _write(texts: dict[Path, str]) -> list[Path]:
 
 def _hillside() -> str:
     """A made-up terrain model: a hillside with a hollow, in an ESRI ASCII grid of steps of 4 m."""
-    step, x, y = 4.0, np.arange(25) * 4.0, np.arange(17) * 4.0
-    down, across = np.meshgrid(x, y)
-    heights = 104 + 16 / (1 + np.exp((down - 40) / 7)) - 1.5 * np.exp(-(((across - 32) / 12) ** 2)) * (down < 56)
-    rows = "\n".join(" ".join(f"{height:.2f}" for height in row) for row in heights[::-1])
-    return f"ncols {x.size}\nnrows {y.size}\nxllcenter 0\nyllcenter 0\ncellsize {step:g}\n{rows}\n"
+    step, columns, rows = 4, 25, 17
+
+    def height(x: float, y: float) -> float:
+        hollow = 1.5 * math.exp(-(((y - 32) / 12) ** 2)) if x < 56 else 0.0
+        return 104 + 16 / (1 + math.exp((x - 40) / 7)) - hollow
+
+    lines = "\n".join(
+        " ".join(f"{height(step * column, step * row):.2f}" for column in range(columns))
+        for row in reversed(range(rows))
+    )
+    return f"ncols {columns}\nnrows {rows}\nxllcenter 0\nyllcenter 0\ncellsize {step}\n{lines}\n"
 
 
 def example(name: str) -> str:
