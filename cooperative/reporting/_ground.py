@@ -1,6 +1,6 @@
-"""A scene before it runs: ground, layers, water, walls and elements at risk, and one random field on each grid.
+"""A scene before it runs: ground, layers, water, walls, elements at risk, random fields and strength against depth.
 
-In 3D a map and a section, and a page whose ground the reader turns.
+One field is drawn on each grid. In 3D a map and a section, and a page whose ground the reader turns.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from cooperative.folder import models_of
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
+from cooperative.reporting import _profiles as profiles
 from cooperative.reporting._bodies import skin
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
@@ -201,7 +202,7 @@ def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
 
 
 def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarray) -> Figure:
-    """Ground with its layers above the first random field on every grid.
+    """Ground with its layers above the first random field on every grid, and strength against depth beside them.
 
     In 3D the section in the middle, below a map that shows where it lies. Of a field that is conditioned, the values
     measured, and mean and deviation over samples by their coefficients (samples, modes).
@@ -213,10 +214,17 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
     name = next(iter(fine.campaign.random))
     drawn, measured = plots.quantity(name), measured_of(fine.campaign, name)
     rows = 1 + len(models) + mapped
-    figure, axes = plots.section_panels(sections["refined"][0], rows + 2 * (measured is not None))
+    shown_profiles = profiles.profiles(fine, planes["refined"])
+    count = rows + 2 * (measured is not None)
+    figure, axes, beside = plots.section_panels_beside(sections["refined"][0], count, len(shown_profiles[0].mean))
+    profiles.draw_profiles(beside, shown_profiles)
     if mapped:
         _map(figure, axes[0], fine, stored.middle)
     _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"], stored.middle)
+    for each in shown_profiles:
+        axes[int(mapped)].vlines(
+            each.x, each.elevation - each.depth.max(), each.elevation, color=profiles.COLOURS[each.station], lw=2
+        )
     if measured is not None:
         axes[0].plot(*measured[:, :2].T, ".", color="k", ms=2, label="measured")
         moments = [each[planes["refined"]] / drawn.size for each in conditioned(fine, name, coefficients)]

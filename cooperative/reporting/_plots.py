@@ -225,6 +225,29 @@ def section_panels(position: np.ndarray, rows: int) -> tuple[Figure, list[Axes]]
     return panels(rows, size=(8.0, 6.8 * height / length + 0.8))
 
 
+def section_panels_beside(
+    position: np.ndarray, rows: int, beside: int, *, width: float = 3.2
+) -> tuple[Figure, list[Axes], list[Axes]]:
+    """Panels of a section, and others one above the other to their right.
+
+    Args:
+        position: of the section (2, N) m.
+        rows: panels of the section.
+        beside: panels to their right.
+        width: of these (inch).
+    """
+    length, height = np.ptp(position, axis=1)
+    figure = Figure(figsize=(8.0 + width, rows * (6.8 * height / length + 0.8)), layout="constrained")
+    left, right = figure.add_gridspec(1, 2, width_ratios=(8.0, width))
+    columns = [
+        [figure.add_subplot(spec) for spec in cell.subgridspec(count, 1)]
+        for cell, count in ((left, rows), (right, beside))
+    ]
+    for ax in (*columns[0], *columns[1]):
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, columns[0], columns[1]
+
+
 def ends(fields: Iterable[np.ndarray]) -> tuple[float, float]:
     """Smallest and largest value of any field."""
     values = np.concatenate([np.ravel(field) for field in fields])

@@ -1,0 +1,138 @@
+"""Strength against depth at three stations of a section: what a scene's means, trends and layers amount to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from matplotlib.axes import Axes
+
+import kl
+from cooperative.reporting import _plots as plots
+from cooperative.runs import GridModel
+from jaxmpm.laws import declared
+
+SAMPLES = {2: 512, 3: 64}
+"""Samples that a profile is made of, in a section and in 3D, whose grids are larger."""
+
+TAILS = (0.05, 0.95)
+"""Shares of the samples that lie below the ends of a band."""
+
+LEVEL = 0.02
+"""Share of the relief within which ground counts as the foot or the top of a slope."""
+
+COLOURS = {"toe": "#009E73", "mid slope": "#E69F00", "crest": "#56B4E9"}
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Strength in one column of particles.
+
+    Args:
+        station: "toe", "mid slope" or "crest".
+        x: of the column (m).
+        elevation: of its ground's surface (m).
+        depth: below it (n,) m, downwards.
+        mean: by parameter (n,), in SI units and degrees, nan where the soil has none.
+        tails: by parameter that is random (2, n), the values below which `TAILS` of the samples lie.
+    """
+
+    station: str
+    x: float
+    elevation: float
+    depth: np.ndarray
+    mean: Mapping[str, np.ndarray]
+    tails: Mapping[str, np.ndarray]
+
+
+def stations(x: np.ndarray, surface: np.ndarray) -> dict[str, int]:
+    """Which columns stand at the toe, mid slope and the crest of a section, whichever way it falls.
+
+    Toe and crest are the nearest two of which one has the lowest ground and the other the highest, within `LEVEL` of
+    the relief. Level ground has one station, in its middle.
+
+    Args:
+        x: of the columns, ascending (n,) m.
+        surface: elevation of the ground there (n,) m.
+    """
+    foot, relief = surface.min(), np.ptp(surface)
+    if relief == 0:
+        return {"mid slope": len(x) // 2}
+    share = (surface - foot) / relief
+    low, high = np.flatnonzero(share <= LEVEL), np.flatnonzero(share >= 1 - LEVEL)
+    pair = np.unravel_index(np.abs(x[low][:, None] - x[high]).argmin(), (low.size, high.size))
+    toe, crest = int(low[pair[0]]), int(high[pair[1]])
+    first = min(toe, crest)
+    middle = first + int(np.abs(share[first : max(toe, crest) + 1] - 0.5).argmin())
+    return {"toe": toe, "mid slope": middle, "crest": crest}
+
+
+def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
+    """Strength at the stations of a section of a grid, over samples that its random soil draws.
+
+    Args:
+        model: the grid.
+        plane: which of its particles are of the section (N,).
+    """
+    position = np.asarray(model.scene.particles.position, float)
+    x, first = np.unique(position[0, plane], return_index=True)
+    surface = np.asarray(model.campaign.site.shape.heights(*position[:-1, plane][:, first]), float)
+    found = stations(x, surface)
+    columns = {}
+    for station, at in found.items():
+        column = np.flatnonzero(plane & (position[0] == x[at]))
+        columns[station] = column[np.argsort(-position[-1, column])]
+    certain = {
+        name: np.broadcast_to(np.rad2deg(each.value) if each.parameter.angle else each.value, position.shape[1:])
+        for name, each in declared(model.scene.material).items()
+        if each.parameter.reduced and not each.parameter.at_most
+    }
+    rock = np.zeros(position.shape[1], bool)
+    if model.layer is not None:
+        rock = np.array([each.rock for each in model.campaign.site.layers])[model.layer]
+    chosen = np.concatenate(list(columns.values()))
+    drawn = _drawn(model, [name for name in certain if name in model.names], chosen)
+    ends = np.cumsum([column.size for column in columns.values()])[:-1]
+    result = []
+    for number, (station, column) in enumerate(columns.items()):
+        at = found[station]
+        each = {name: np.split(values, ends, axis=1)[number] for name, values in drawn.items()}
+        bare = np.where(rock[column], np.nan, 1.0)
+        mean = {name: bare * (each[name].mean(axis=0) if name in each else of[column]) for name, of in certain.items()}
+        tails = {name: bare * np.quantile(values, TAILS, axis=0) for name, values in each.items()}
+        depth = surface[at] - position[-1, column]
+        result.append(Profile(station, float(x[at]), float(surface[at]), depth, mean, tails))
+    return result
+
+
+def _drawn(model: GridModel, names: Sequence[str], chosen: np.ndarray) -> dict[str, np.ndarray]:
+    """Parameters (samples, n) of some particles in samples of their own, which a scene with few samples has too."""
+    if not names:
+        return {}
+    coefficients = kl.sobol(jax.random.key(0), SAMPLES[model.campaign.dimension], model.soil.modes)
+    rows = [model.parameters(row) for row in np.asarray(coefficients)]
+    return {name: np.array([np.asarray(row[name], float)[chosen] for row in rows]) for name in names}
+
+
+def draw_profiles(axes: Sequence[Axes], shown: Sequence[Profile]) -> None:
+    """Mean strength against depth, and the band of its samples where it is random, a panel for each parameter.
+
+    Args:
+        axes: of the parameters.
+        shown: profiles of the stations.
+    """
+    for ax, name in zip(axes, shown[0].mean, strict=True):
+        drawn = plots.quantity(name)
+        for each in shown:
+            colour = COLOURS[each.station]
+            label = f"{each.station}, x = {each.x:.4g} m"
+            ax.plot(each.mean[name] / drawn.size, each.depth, color=colour, lw=1.5, label=label)
+            if name in each.tails:
+                ax.fill_betweenx(each.depth, *each.tails[name] / drawn.size, color=colour, alpha=0.2, lw=0)
+        random = any(name in each.tails for each in shown)
+        ax.set_title("mean, 5 to 95 %" if random else "mean", loc="left")
+        ax.set(xlabel=drawn.label, ylabel="depth [m]", ylim=(max(each.depth.max() for each in shown), 0.0))
+        ax.set_xlim(left=0.0)
+    axes[0].legend(fontsize="x-small", frameon=False)

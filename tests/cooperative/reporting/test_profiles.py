@@ -1,0 +1,88 @@
+"""Strength against depth at the stations of a section, as `jaxmpm draw` shows it."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cooperative.reporting import _profiles as profiles
+from cooperative.reporting._plots import section_panels_beside
+from tests.cooperative.scene.test_top_of_layer import CUT, LEVEL
+from tests.scenes import model_of
+
+
+@given(
+    st.floats(0.5, 40),
+    st.floats(0, 30),
+    st.floats(1, 60),
+    st.floats(0, 50),
+    st.floats(-200, 3000),
+    st.integers(40, 200),
+)
+def test_stations_of_a_slope_and_of_its_mirror_image_are_the_same(height, crest, run, toe, foot, count):
+    x = np.linspace(0, crest + run + toe, count)
+    z = foot + height * np.interp(x, [crest, crest + run], [1.0, 0.0])
+    step, found = x[1] - x[0], profiles.stations(x, z)
+    reach = step + profiles.LEVEL * run
+    assert x[found["crest"]] == pytest.approx(crest, abs=reach)
+    assert x[found["toe"]] == pytest.approx(crest + run, abs=reach)
+    assert abs(x[found["mid slope"]] - (crest + run / 2)) <= step / 2 + reach / 2
+    mirrored = profiles.stations(x, z[::-1])
+    assert {name: count - 1 - at for name, at in mirrored.items() if name != "mid slope"} == {
+        name: at for name, at in found.items() if name != "mid slope"
+    }
+
+
+def test_level_ground_has_one_station():
+    assert profiles.stations(np.arange(9.0), np.full(9, 3.0)) == {"mid slope": 4}
+
+
+@lru_cache
+def of(scene):
+    model = model_of(scene, "refined")
+    shown = profiles.profiles(model, np.ones(model.scene.particles.mass.size, bool))
+    return {each.station: each for each in shown}
+
+
+def test_a_trend_counts_from_the_top_of_the_layer_before_the_cut():
+    cut, level = of(CUT), of(LEVEL)
+    assert (cut["toe"].x, cut["mid slope"].x, cut["crest"].x) == (43.25, 36.75, 30.25)
+    for station, face in (("toe", 0.0), ("mid slope", 4.5), ("crest", 9.0)):
+        mine, other = level[station], cut[station]
+        assert mine.elevation == pytest.approx(face, abs=0.3)
+        elevation = mine.elevation - mine.depth
+        clay = elevation < 5.0
+        assert mine.mean["strength"][clay] == pytest.approx(25e3 + 1.5e3 * (5.0 - elevation[clay]), rel=5e-3)
+        assert np.all(np.isnan(mine.mean["strength"][~clay]))
+        # Without its top the trend of the clay counts from the face, which at the toe lies 5 m below it.
+        gap = (mine.mean["strength"] - other.mean["strength"])[clay]
+        assert gap == pytest.approx(1.5e3 * max(5.0 - mine.elevation, 0.0), abs=30)
+
+
+def test_the_band_holds_the_quantiles_of_the_marginal_and_certain_strength_has_none():
+    toe, crest = (of(LEVEL)[station] for station in ("toe", "crest"))
+    # A lognormal of cov 0.2; the expansion holds 99.9 % of its variance over the section.
+    spread = np.sqrt(np.log1p(0.2**2))
+    expected = np.exp(np.array([[-1.645], [1.645]]) * spread - spread**2 / 2) * toe.mean["strength"]
+    assert toe.tails["strength"] == pytest.approx(expected, rel=0.05)
+    assert set(crest.tails) == {"strength"}
+    sand = crest.depth < 4.0
+    assert crest.mean["friction"][sand] == pytest.approx(38.0, rel=1e-5)
+    assert np.all(np.isnan(crest.mean["friction"][~sand]))
+
+
+def test_each_parameter_has_a_panel_whose_axes_carry_units():
+    shown = list(of(LEVEL).values())
+    _, _, beside = section_panels_beside(np.array([[0.0, 100.0], [0.0, 17.0]]), 3, len(shown[0].mean))
+    profiles.draw_profiles(beside, shown)
+    assert [ax.get_xlabel() for ax in beside] == [
+        "cohesion $c$ [kPa]", r"friction angle $\varphi$ [degrees]", "undrained strength $S_u$ [kPa]"
+    ]  # fmt: skip
+    for ax in beside:
+        assert ax.get_ylabel() == "depth [m]"
+        assert ax.get_ylim() == (max(each.depth.max() for each in shown), 0.0)
+    assert [text.get_text() for text in beside[0].get_legend().get_texts()] == [
+        "toe, x = 43.25 m", "mid slope, x = 36.75 m", "crest, x = 30.25 m"
+    ]  # fmt: skip
