@@ -90,7 +90,7 @@ def of_stiffness(case: Case, cell: float, ratio: float, reference: float) -> dic
     scene, state = replace(case, soil=soil).built(cell)
     bracket = (0.8 * case.reference, case.highest * case.reference)
     answer = by_limit_load(
-        scene, state, bracket, 0.01, t_end=20.0, batch=6, least_volume=None, young=reference * YOUNG
+        scene, state, bracket=bracket, resolution=0.01, t_end=20.0, batch=6, young=reference * YOUNG
     )  # fmt: skip
     assert answer.kink is not None
     return {

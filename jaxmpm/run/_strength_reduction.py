@@ -124,7 +124,10 @@ def factor_of_safety(
     if criterion == LIMIT_LOAD:
         if settle is not None:
             raise ValueError("settle is given by the limit load, whose runs all have one duration: leave it out")
-        return by_limit_load(scene, state, bracket, resolution, t_end, batch, least_volume, progress)
+        return by_limit_load(
+            scene, state, bracket=bracket, resolution=resolution, t_end=t_end, batch=batch, least_volume=least_volume,
+            progress=progress,
+        )  # fmt: skip
     outcomes: dict[int, tuple[float, bool]] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
@@ -169,11 +172,12 @@ def _by_displacement(
 def by_limit_load(
     scene: Scene,
     state: State,
+    *,
     bracket: tuple[float, float],
     resolution: float,
     t_end: float,
     batch: int,
-    least_volume: float | None,
+    least_volume: float | None = None,
     progress: Callable[[Sequence[float], Sequence[float]], None] | None = None,
     young: float = YOUNG,
 ) -> FactorOfSafety:
