@@ -51,6 +51,8 @@ KINDS = ("LineString", "Polygon", "MultiLineString", "MultiPolygon")
 """Names of these in GeoJSON."""
 WEST = 360.0
 """Coordinate beyond which a number is no longitude."""
+SLIT = 1e-3
+"""Width (m) of the slit that joins a hole of a polygon to its outside, so that one ring bounds it."""
 METRES = "project it to the metres of the surface first, e.g. with ogr2ogr -t_srs"
 
 Row = tuple[Mapping[str, object], shapely.Geometry | None]
@@ -58,10 +60,11 @@ Row = tuple[Mapping[str, object], shapely.Geometry | None]
 
 
 class Feature(TypedDict):
-    """A line or polygon of a file: its name, and its points [x, y] (m)."""
+    """A line or polygon of a file: its name, its points [x, y] (m), and how many holes slits join to its outside."""
 
     name: str
     points: list[list[float]]
+    holes: int
 
 
 @dataclass(frozen=True)
@@ -128,16 +131,25 @@ def _features(path: Path, rows: Iterable[Row]) -> Iterator[Feature]:
             raise ValueError(f"{path}: feature {number} is {kind}: give lines and polygons, each of one part")
         name = _name(values, number)
         where = f"{path}: feature {number}, {shown(name)},"
-        if holes := len(getattr(parts[0], "interiors", ())):
-            raise ValueError(
-                f"{where} has {holes} {'hole' if holes == 1 else 'holes'}, which a polygon of a scene cannot have: cut "
-                "it into polygons without holes, or fill them"
-            )
-        line = getattr(parts[0], "exterior", parts[0])
+        holes = len(getattr(parts[0], "interiors", ()))
+        line = _ring(where, parts[0]) if holes else getattr(parts[0], "exterior", parts[0])
         points = shapely.get_coordinates(line)
         if not np.isfinite(points).all():
             raise ValueError(f"{where} has points that are not finite: draw it again")
-        yield {"name": name, "points": points[: -1 if line.is_ring else None].tolist()}
+        yield {"name": name, "points": points[: -1 if line.is_ring else None].tolist(), "holes": holes}
+
+
+def _ring(where: str, polygon: shapely.Polygon) -> shapely.LinearRing:
+    """One ring around a polygon with holes, each of which the shortest slit joins to its outside."""
+    if not polygon.is_valid:
+        raise ValueError(f"{where} is no polygon ({shapely.is_valid_reason(polygon)}): draw it again")
+    for _ in polygon.interiors:
+        if polygon.interiors:  # a slit may have met another hole on its way
+            slit = shapely.shortest_line(polygon.interiors[0], polygon.exterior).buffer(SLIT / 2, quad_segs=1)
+            polygon = polygon.difference(slit)
+        if polygon.geom_type != "Polygon" or polygon.is_empty:
+            raise ValueError(f"{where} has holes {SLIT:g} m from one another or its edge: draw it with wider ground")
+    return polygon.exterior
 
 
 def _name(values: Mapping[str, object], number: int) -> str:

@@ -75,8 +75,8 @@ class Exposed(Table):
         "In a section, the two ends of a stretch.", [70.0, 76.0], None, allowed="[from, to]"
     )
     polygon: OrFile[Polygon] | None = key(
-        "In 3D, the corners of a polygon in order. Or a polygon without holes of a GeoPackage, shapefile or GeoJSON: "
-        "that whose column `name`, in any case, is the name of the element, or the only one.",
+        "In 3D, the corners of a polygon in order. Or a polygon of a GeoPackage, shapefile or GeoJSON, whose holes are "
+        "kept: that whose column `name`, in any case, is the name of the element, or the only one.",
         [[70, 5], [76, 5], [73, 12]],
         None,
         allowed='three or more corners [x, y], or a file and its layer, "site.gpkg#houses"',
@@ -112,7 +112,7 @@ class Exposed(Table):
             return tuple((x,) for x in self.between)
         if self.at is not None:
             return (self.at,)
-        return of_features(self.polygon, "[[exposed]] polygon", self.name)
+        return of_features(self.polygon, "[[exposed]] polygon", self.name, holes=True)
 
     @property
     def curve(self) -> Vulnerability | None:

@@ -261,16 +261,17 @@ OrFile = Annotated[
 """Points, or features of a file."""
 
 
-def of_features(given: Any, where: str, name: str | None = None) -> Any:
+def of_features(given: Any, where: str, name: str | None = None, *, holes: bool = False) -> Any:
     """The points of what may be features of a file: those of this name, or of the only one.
 
     Args:
         given: points, or features as `scene._files.Files` has them, None for neither.
         where: key of the scene, for messages.
         name: of the feature, None for the only one.
+        holes: whether it may have some.
 
     Raises:
-        ValueError: the file has several features, and none or many of this name.
+        ValueError: the file has several features, and none or many of this name; or it has holes.
     """
     if not given or not isinstance(given[0], dict):
         return given or ()
@@ -279,4 +280,6 @@ def of_features(given: Any, where: str, name: str | None = None) -> Any:
         names = ", ".join(shown(each["name"]) for each in given[:8])
         asked = "one feature is needed" if name is None else f"{len(mine)} are called {shown(name)} in a column name"
         raise ValueError(f"{where}: the layer has {len(given)} features ({names}), and {asked}: give the layer of one")
+    if mine[0]["holes"] and not holes:
+        raise ValueError(f"{where}: {shown(mine[0]['name'])} has holes, which this polygon cannot have: fill them")
     return tuple(tuple(map(float, point)) for point in mine[0]["points"])

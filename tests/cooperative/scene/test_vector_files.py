@@ -5,11 +5,13 @@ import shutil
 import sqlite3
 from pathlib import Path
 
+import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from cooperative.measure import ColumnPlan, ElementAtRisk
 from cooperative.scene import parse, tables
 from cooperative.scene._files import Files
 from cooperative.scene._projection import compare_projections, refuse_unmetric
@@ -79,6 +81,40 @@ def test_a_layer_is_read_by_name_and_what_is_left_out_is_named(package):
         read_features(package, None)
 
 
+holes = st.lists(st.tuples(st.floats(0, 7), st.floats(0, 7), st.floats(0.5, 3)), min_size=1, max_size=4)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(holes)
+def test_holes_of_a_polygon_are_kept(package, holes):
+    """Columns of cells that lie in a hole are not of the element, whatever the slit, and those beside it are."""
+    yard = HOUSE.difference(
+        shapely.union_all([shapely.box(EAST + 60 + x, NORTH + 60 + y, EAST + 60 + x + a, NORTH + 60 + y + a)
+                           for x, y, a in holes])
+    )  # fmt: skip
+    assume(yard.geom_type == "Polygon")
+    [feature], _ = read_features(write(package, {"risk": [("yard", yard)]}), None)
+    assert feature["holes"] == len(yard.interiors)
+    element = ElementAtRisk("yard", tuple((x - EAST, y - NORTH) for x, y in feature["points"]))
+    plan = ColumnPlan((50.0, 50.0), 0.5, (60, 60), ((50.0, 80.0), (50.0, 80.0)))
+    edges = np.meshgrid(EAST + plan.edges(0), NORTH + plan.edges(1), indexing="ij")
+    (x, y) = edges
+    shared = shapely.area(shapely.intersection(shapely.box(x[:-1, :-1], y[:-1, :-1], x[1:, 1:], y[1:, 1:]), yard))
+    got = element.columns(plan)
+    assert not got[shared == 0].any()
+    assert got[shared > 0.01].all()
+
+
+def test_the_part_of_a_terrain_has_no_holes(package):
+    write(package, {"risk": [("yard", HOUSE.difference(HOUSE.buffer(-3)))]})
+    features, _ = read_features(package, None)
+    with pytest.raises(
+        ValueError, match=r"\[terrain\] polygon: 'yard' has holes, which this polygon cannot have: fill"
+    ):
+        tables.of_features(features, "[terrain] polygon")
+    assert len(tables.of_features(features, "[[exposed]] polygon", "yard", holes=True)) > 8
+
+
 @pytest.mark.parametrize("column", ["Name", "NAME", "name"])
 def test_the_column_name_is_found_in_any_case(column, package):
     write(package, {"risk": [("barn", HOUSE)]}, also=[f'ALTER TABLE risk RENAME COLUMN name TO "{column}"'])
@@ -88,7 +124,7 @@ def test_the_column_name_is_found_in_any_case(column, package):
 @pytest.mark.parametrize(
     ("shape", "reason"),
     [
-        (HOUSE.difference(HOUSE.buffer(-3)), r"feature 1, 'barn', has 1 hole, which a polygon of a scene cannot have"),
+        (shapely.Polygon(HOUSE.exterior, [HOUSE.buffer(3).exterior]), r"feature 1, 'barn', is no polygon \(Hole lies"),
         (shapely.MultiPolygon([HOUSE, shapely.box(0, 0, 1, 1)]), "is no line or polygon: give .* each of one part"),
         (shapely.Point(0, 0), "is no line or polygon"),
         (None, "feature 1 is nothing"),
