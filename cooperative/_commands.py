@@ -168,12 +168,12 @@ def draw(args: argparse.Namespace) -> None:
 
 
 def fos(args: argparse.Namespace) -> None:
-    from cooperative.store import own_folder
     from cooperative.tools import safety
+    from jaxmpm.support.files import not_linked
 
     campaign, start = read_campaigns(args)[0], time.perf_counter()
-    # A scene's folder may come from somebody else, with a link of this name.
-    folder = args.out or own_folder(args.scene.with_name(f"{args.scene.stem}-fos"))
+    # A scene's folder may come from somebody else, with a link of this name. It is made once there is an answer.
+    folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-fos"))
 
     def announce(result: safety.Safety) -> None:
         print(*map(printable, safety.lines_of_equilibrium(campaign.name, result)), sep="\n", flush=True)

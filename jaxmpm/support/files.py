@@ -202,6 +202,23 @@ def set_aside(path: Path) -> Path:
     return target
 
 
+def not_linked(path: Path) -> Path:
+    """Return the path of a folder that exists or may be made.
+
+    Args:
+        path: of the folder.
+
+    Returns:
+        The same path.
+
+    Raises:
+        ValueError: If it is a link or a file: data would be written elsewhere.
+    """
+    if path.is_symlink() or (path.exists() and not path.is_dir()):
+        raise ValueError(f"{path} is a link or a file, not a folder: move it away")
+    return path
+
+
 def own_folder(path: Path) -> Path:
     """Make a folder, unless it exists.
 
@@ -215,8 +232,7 @@ def own_folder(path: Path) -> Path:
         ValueError: If it is a link or a file: data would be written elsewhere.
         OSError: If the system refuses.
     """
-    if path.is_symlink() or (path.exists() and not path.is_dir()):
-        raise ValueError(f"{path} is a link or a file, not a folder: move it away")
+    not_linked(path)
     with explained(path):
         path.mkdir(parents=True, exist_ok=True)
     return path

@@ -142,6 +142,8 @@ def factor_of_safety(
     loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (run.motion is not None)
     if water:
         campaign = replace(campaign, ground=_raised(campaign, water))
+    if sample is not None and not campaign.random and campaign.site.level is None:
+        raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
     if sample is not None and not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
     size = f"{grid} grid, cells of {campaign.grids[grid].cell:g} m"

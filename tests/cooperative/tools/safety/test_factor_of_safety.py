@@ -219,6 +219,14 @@ def test_slices_need_neither_a_grid_nor_anything_random(tmp_path, capsys):
     assert "nothing in the scene is random" in capsys.readouterr().err
 
 
+def test_a_scene_that_is_refused_leaves_no_folder(tmp_path, capsys):
+    scene = tmp_path / "certain.toml"
+    scene.write_text(CERTAIN)
+    assert main(["fos", str(scene), "--quick", "--sample", "0"]) == 2
+    assert "sample = 0, but nothing in the scene is random: leave it out" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [scene]
+
+
 def test_the_solver_says_which_layer_it_has_no_cells_for():
     result = safety.factor_of_safety(parse(CERTAIN))
     assert result.equilibrium.slip.factor < result.equilibrium.circle.factor
