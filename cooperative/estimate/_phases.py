@@ -292,10 +292,13 @@ class Slides:
 
 
 def _wanted(phases: Phases, failures: Failures, slid: set[int], count: int | None, seed: int) -> tuple[int, ...]:
-    """The next in order that fail, or may, until so many slide; those that stand or gave no answer are passed over."""
+    """The next in order that fail, or may, until so many slide; those that stand or gave no answer are passed over.
+
+    While no failure is known there is nothing that slides would stand for, and none are sought beyond the audit.
+    """
     size = np.where(failures.chance < FAR_DOWN, 0.0, failures.size)
     wanted: dict[int, None] = {}
-    if not count or not size.any():
+    if not count or not size.any() or True not in phases.answers.values():
         return ()
     for number in failures.number[slide_order(size, seed)].tolist():
         if len(slid) + len(wanted) >= count:

@@ -117,6 +117,18 @@ def test_slides_of_an_earlier_draw_count_and_no_more_are_asked_for():
     assert (none.slid.sum(), none.planned) == (0, 0)
 
 
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 30), st.sampled_from([10, 40]), st.integers(1, 30))
+def test_without_a_failure_in_the_audit_none_are_sought_beyond_it(seed, runs, count):
+    """The model gives every sample a chance, and as many runs as the scene has samples might find no failure."""
+    rough = np.exp(np.random.default_rng(seed).standard_normal(200) - 3)
+    audit = means.audited(TwoPhase(refined_runs=runs, seed=seed), rough, np.zeros(200, bool))
+    numbers = sorted(audit.answers)
+    slides = Slides.of(audit, numbers, np.ones(len(numbers), bool), count, seed)
+    assert audit.estimate.probability == 0
+    assert (slides.wanted, slides.planned) == ((), 0)
+
+
 def known_population():
     """Screening, failures, displacements and modes of 400 sections, all of which ran refined."""
     pairs = section_pairs.read()
