@@ -56,17 +56,6 @@ def test_the_contact_is_reduced_with_the_soil():
     np.testing.assert_allclose(contact(model, half), contact(model, whole) / 2, rtol=1e-5)
 
 
-def test_a_batch_has_a_contact_for_each_lane():
-    model, coefficients = model_of(SCENE.replace("t_end = 4.0", "t_end = 0.5\nleast_volume = 0"))
-    together = {sample.number: sample.row for sample in runs.run_samples(model, coefficients, [0, 1, 2])}
-    for number, row in together.items():
-        scene, state = model.of_sample(coefficients[number])
-        alone = mpm.solve(scene, state, t_end=0.5)
-        displacement = float(np.linalg.norm(alone.state.displacement, axis=0).max())
-        assert row["displacement"] == pytest.approx(displacement, rel=0.02)
-    assert len({row["displacement"] for row in together.values()}) == 3
-
-
 def test_a_friction_that_does_not_vary_is_that_of_the_contact_too():
     campaign = parse(SCENE.replace(RANDOM, "friction = 25.0\n").replace("cohesion = 1e3\n", COHESION))
     assert campaign.site.shape.interface == mpm.Interface(25.0)

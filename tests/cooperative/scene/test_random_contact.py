@@ -9,6 +9,8 @@ import pytest
 import jaxmpm as mpm
 from cooperative import runs
 from cooperative.scene import parse, read
+from tests.cooperative.scene.test_contact_of_soil import SCENE as OF_SOIL
+from tests.cooperative.scene.test_contact_of_soil import model_of
 from tests.scenes import tables
 
 SCENE = """
@@ -25,12 +27,6 @@ poisson = 0.3
 cohesion = 20e3
 friction = 30.0
 """ + tables(1.0)
-
-
-def model_of(scene, grid="rough"):
-    campaign = parse(scene)
-    model = runs.build(campaign, grid, runs.random_soil(campaign))
-    return model, runs.coefficients_of(campaign, model.soil)
 
 
 def at_nodes(model, sample, name):
@@ -64,8 +60,9 @@ def test_over_samples_it_has_the_mean_and_the_deviation_of_the_scene():
     assert cohesion.std() == pytest.approx(1.6e3, rel=0.2)
 
 
-def test_lanes_slide_each_on_their_own_contact():
-    model, coefficients = model_of(SCENE.replace("t_end = 4.0", "t_end = 0.5\nleast_volume = 0"))
+@pytest.mark.parametrize("scene", [SCENE, OF_SOIL])
+def test_lanes_slide_each_on_their_own_contact(scene):
+    model, coefficients = model_of(scene.replace("t_end = 4.0", "t_end = 0.5\nleast_volume = 0"))
     together = {sample.number: sample.row for sample in runs.run_samples(model, coefficients, [0, 1, 2])}
     for number, row in together.items():
         scene, state = model.of_sample(coefficients[number])
