@@ -4,8 +4,9 @@ Factors of safety alone are in `stability_of_slopes`.
 
 Cho's slope with cohesion and friction, of the rows of `benchmarks.sites.cho_cphi`, and his undrained slope. Infinite
 correlation lengths, where P_f is P(S_u < median / factor of safety), on the published section and on Griffiths and
-Fenton's slope; in 3D, of 100 rough and 24 refined runs each, Example 2 of the paper (random cohesion and friction) and
-the published slope without softening, counterpart of the printed 0.231, between fixed ends and rollers. All but the
+Fenton's slope, there also with half of the scatter in soil of two stiffnesses, which share one answer; in 3D, of 100
+rough and 24 refined runs each, Example 2 of the paper (random cohesion and friction) and the published slope without
+softening, counterpart of the printed 0.231, between fixed ends and rollers. All but the
 first are campaigns in out/random_slopes, which go on with the next command where they were stopped; what has not ended
 is null. `--quick` runs a few samples of each on coarse grids.
 """
@@ -18,6 +19,8 @@ import tempfile
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,7 @@ from scipy import stats
 from benchmarks.measure import ROOT, Report
 from benchmarks.sites import cho_cphi
 from cooperative import run as run_campaign
+from cooperative.folder import SUMMARY
 from cooperative.runs import Stopped, cores_to_use
 from cooperative.scene import parse, to_toml
 from cooperative.store import Store, read_rows, read_sample, read_store
@@ -76,6 +80,12 @@ def without_softening_or_ends(tables: Tables) -> None:
     tables["campaign"] |= {"samples": 1000, "refined_runs": 100}
 
 
+def of_half_the_scatter(young: float, tables: Tables) -> None:
+    """A scene whose strength has a coefficient of variation of 0.25, in soil of a Young's modulus (Pa)."""
+    tables["soil"]["young"] = young
+    tables["strength"]["cov"] = 0.25
+
+
 @dataclass(frozen=True)
 class Case:
     """A slope. scene: of benchmarks/scenes. change: what is done to it. printed: P_f of the literature, None where the
@@ -91,6 +101,8 @@ CASES = {
     "cho": Case("cho", as_printed, (0.079, 0.065, 0.078)),
     "section_infinite": Case("paper_section", without_softening_or_ends, None),
     "griffiths_fenton": Case("griffiths_fenton", as_printed, None),
+    "griffiths_fenton_soft": Case("griffiths_fenton", partial(of_half_the_scatter, 2e7), None),
+    "griffiths_fenton_stiff": Case("griffiths_fenton", partial(of_half_the_scatter, 1e8), None),
     "example_2": Case("example_2", in_part, (0.43,), large=2000.0),
     "pf_3d_limit_load": Case("paper", in_3d, (0.231,)),
     "pf_3d_rollers": Case("paper", on_rollers, (0.231,)),
@@ -148,6 +160,7 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
         **shares(store, limit.displacement, case.large),
         "hours": sum(result.seconds.values()) / 3600,
         "device": read_sample(store, "rough", 0).device,
+        "ended": datetime.fromtimestamp((folder / name / SUMMARY).stat().st_mtime, UTC).date().isoformat(),
     }
 
 
@@ -190,6 +203,6 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
         values |= {name: of(name, "pf"), f"{name}_fos": of(name, "fos")}
     values |= {f"cho_{key}": of("cho", key) for key in ("pf", "low", "high", "fos")}
     values |= {f"cho_cphi_{key}": value for key, value in cho_cphi.summarised().items()}
-    for name in ("section_infinite", "griffiths_fenton"):
+    for name in (case for case in CASES if CASES[case].printed is None):
         values |= {f"{name}_{key}": of(name, key) for key in ("pf", "low", "high", "closed_form")}
     return values
