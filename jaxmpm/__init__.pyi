@@ -51,8 +51,9 @@ from .setup import (
     scene,
     unstressed,
     with_soil,
+    with_stress,
 )
-from .soil import FrictionalSoil, Interface, PlasticStrain, Soil
+from .soil import AnisotropicSoil, CamClaySoil, FrictionalSoil, GranularSoil, Interface, PlasticStrain, Soil
 from .support.pytrees import pytree
 from .transfer import GIMP, Linear, QuadraticBSpline
 from .types import Engine, Scene, Scheme, State, Status
@@ -60,12 +61,15 @@ from .types import Engine, Scene, Scheme, State, Status
 __version__: str
 __all__ = [
     "GIMP",
+    "AnisotropicSoil",
     "BaseMotion",
     "Boundary",
+    "CamClaySoil",
     "Discretisation",
     "Engine",
     "Face",
     "FrictionalSoil",
+    "GranularSoil",
     "Grid",
     "Ground",
     "Interface",
@@ -129,6 +133,7 @@ __all__ = [
     "unstressed",
     "with_columns",
     "with_soil",
+    "with_stress",
     "write_particles",
     "write_vtkhdf",
 ]

@@ -76,6 +76,9 @@ class Material(Protocol):
     def initial_history(self, particles: Particles) -> History:
         """History of undisturbed particles: an array (N,) or a pytree of them; None for a law without."""
 
+    def history_at_rest(self, history: History, stress: Tensor) -> History:
+        """The initial history of soil at rest under a stress (Pa); the same for a law without memory of it."""
+
     def reduced(self, factor: Array) -> Self:
         """The law with its strength divided by `factor`: peak, residual, and the tangent of friction."""
 

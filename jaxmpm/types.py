@@ -98,6 +98,8 @@ class Scene:
         base: rigid ground of any shape, on which soil slides with the friction and cohesion of the walls; None if walls
             are all.
         free_field: level ground beyond both ends of a section without walls there; None for walls or tied sides.
+        k0: () or (N,) horizontal over vertical effective stress of the initial stress, see `Loads`; None for that of
+            elastic loading. No step reads it.
     """
 
     grid: Grid
@@ -130,6 +132,7 @@ class Scene:
     cut: Array | None = None
     base: RigidBase | None = None
     free_field: FreeField | None = None
+    k0: Array | None = None
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "time_step": above_zero("s"),
@@ -140,6 +143,7 @@ class Scene:
         "wall_cohesion": from_zero("Pa"),
         "wall_pressure": from_zero("Pa"),
         "wall_softening": from_zero(),
+        "k0": from_zero(),
     }
 
 

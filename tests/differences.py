@@ -1,9 +1,10 @@
-"""What holds of every run in float64: its gradient is that of differences, its lanes and both engines give the same."""
+"""What holds in float64: gradients are those of differences, and a run's lanes and both engines give the same."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
@@ -23,3 +24,18 @@ def check_run(run: Callable[..., jax.Array], scene: mpm.Scene, at: Sequence, ste
     np.testing.assert_allclose(here, value, rtol=1e-12)
     other = jax.jit(run)(replace(scene, engine=mpm.Engine.XLA), *at)
     np.testing.assert_allclose(other, value, rtol=1e-11)
+
+
+def check_derivatives(function: Callable[..., jax.Array], at: Mapping[str, float], tolerance: float) -> None:
+    """Assert that the gradient of `function` by each named number, times the number, is that of central differences, to
+    a share of the largest of them."""
+    names, values = list(at), jnp.asarray(list(at.values()))
+
+    def of_shares(shares: jax.Array) -> jax.Array:
+        return function(dict(zip(names, values * shares, strict=True)))
+
+    ones, step = jnp.ones(len(names)), 1e-5
+    lanes = jnp.concatenate([ones + step * jnp.eye(len(names)), ones - step * jnp.eye(len(names))])
+    ahead, behind = jnp.split(jax.vmap(of_shares)(lanes), 2)
+    differences = np.asarray((ahead - behind) / (2 * step))
+    np.testing.assert_allclose(jax.grad(of_shares)(ones), differences, atol=tolerance * abs(differences).max(), rtol=0)

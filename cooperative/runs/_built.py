@@ -177,7 +177,7 @@ def _read(path: Path, scene: Scene, state: State) -> State:
         raise files.DamagedFile(f"{path} holds the initial stress of another grid")
     if (stress.shape, stress.dtype) != (state.stress.shape, state.stress.dtype) or not np.isfinite(stress).all():
         raise files.DamagedFile(f"{path} holds {stress.dtype} of shape {stress.shape}, or numbers that are not finite")
-    return replace(state, stress=jnp.asarray(stress))
+    return jaxmpm.with_stress(scene, state, jnp.asarray(stress))
 
 
 def _checksum(scene: Scene) -> str:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.ground._base import Heights, share_above
@@ -53,6 +54,7 @@ def scene_of(
     ends: Sequence[Hold] = ("roller", "roller"),
     speed: float | None = None,
     at_rest: bool = True,
+    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Fill ground with a lattice of particles, on a fixed base between upright walls.
 
@@ -69,6 +71,8 @@ def scene_of(
         ends: constraint of both walls along x, and along y.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the box.
         at_rest: with the stress of elastic gravity loading, else free of stress.
+        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
+            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -89,7 +93,7 @@ def scene_of(
         law,
         discretisation,
         boundary=Boundary((*walls, Wall(upright, "low", PADDING, "fixed"))),
-        loads=Loads(acceleration, motion=motion),
+        loads=Loads(acceleration, motion=motion, k0=k0),
         speed=math.sqrt(gravity * ground.extent[-1]) if speed is None else speed,
     )
     return built, settled(built, state) if at_rest else state

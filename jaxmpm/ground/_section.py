@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxmpm.ground._base import boundary_of_base
 from jaxmpm.ground._boundaries import (
@@ -248,6 +249,7 @@ def section(
     ends: Literal["roller", "fixed", "left fixed", "right fixed", "tied", "free field"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
+    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Build a section in plane strain, on a fixed base or one with an interface.
 
@@ -271,6 +273,8 @@ def section(
             `FreeField`.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.
+        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
+            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -320,13 +324,16 @@ def section(
             water=table,
             pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, [top(x) for top in tops], gravity),
             motion=motion,
+            k0=k0,
         ),
         speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
     )
     state = settled(built, state) if at_rest else state
     if ends != "free field":
         return built, state
-    column = partial(section, ends="tied", gravity=gravity, r_u=r_u, k_h=shape.downhill * k_h, k_v=k_v, at_rest=at_rest)
+    column = partial(
+        section, ends="tied", gravity=gravity, r_u=r_u, k_h=shape.downhill * k_h, k_v=k_v, at_rest=at_rest, k0=k0
+    )
     return with_free_field(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, column))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxmpm.ground._fill import scene_of
 from jaxmpm.ground._ground import Face, Ground
@@ -181,6 +182,7 @@ def slope(
     y_ends: Literal["fixed", "roller"] = "fixed",
     speed: float | None = None,
     at_rest: bool = True,
+    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Build a slope on a fixed base with its x ends on rollers.
 
@@ -196,6 +198,8 @@ def slope(
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the relief.
         at_rest: with the stress of elastic gravity loading; False leaves the slope free of stress, so that gravity acts
             suddenly.
+        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
+            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -207,7 +211,7 @@ def slope(
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
     return scene_of(
         shape, soil, discretisation, gravity=gravity, k_h=k_h, k_v=k_v, motion=motion, ends=("roller", y_ends),
-        speed=speed, at_rest=at_rest,
+        speed=speed, at_rest=at_rest, k0=k0,
     )  # fmt: skip
 
 

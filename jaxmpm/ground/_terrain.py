@@ -11,6 +11,7 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid
 from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
@@ -295,6 +296,7 @@ def terrain(
     ends: Literal["roller", "fixed"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
+    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Build ground under a terrain model, on a fixed base between four walls.
 
@@ -314,6 +316,8 @@ def terrain(
         ends: constraint of the four walls.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.
+        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
+            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -357,6 +361,7 @@ def terrain(
         loads=Loads(
             gravity=acceleration,
             motion=motion,
+            k0=k0,
             water=None if table is None else water_surface(table, spacing, particles.mass.dtype, gravity),
             pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops, gravity),
         ),

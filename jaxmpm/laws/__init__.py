@@ -1,9 +1,13 @@
 """Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history)."""
 
+from jaxmpm.laws._anisotropic import AnisotropicUndrained, Mobilisation
 from jaxmpm.laws._base import Law, reduce_strength, snaps_back
 from jaxmpm.laws._base_motion import BaseMotion
+from jaxmpm.laws._cam_clay import Consolidation, ModifiedCamClay
+from jaxmpm.laws._element import ElementTest, element_test
 from jaxmpm.laws._frictional import DruckerPrager, Matching, MohrCoulomb, cone
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
+from jaxmpm.laws._granular import MuI
 from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._parameter import Declared, Parameter, declared, excesses, hardens, has_strength, with_parameters
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
@@ -13,16 +17,22 @@ from jaxmpm.laws._zoned import Zoned, frictional, in_total_stress, laws_of
 
 __all__ = [
     "J2",
+    "AnisotropicUndrained",
     "BaseMotion",
+    "Consolidation",
     "Decay",
     "Declared",
     "DruckerPrager",
     "Elastic",
+    "ElementTest",
     "ExponentialSoftening",
     "FrictionalSoftening",
     "Law",
     "Matching",
+    "Mobilisation",
+    "ModifiedCamClay",
     "MohrCoulomb",
+    "MuI",
     "Parameter",
     "RateEffect",
     "Softening",
@@ -34,6 +44,7 @@ __all__ = [
     "declared",
     "elastic_increment",
     "elastic_strain",
+    "element_test",
     "excesses",
     "frictional",
     "hardens",

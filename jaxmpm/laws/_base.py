@@ -10,7 +10,7 @@ from jax import Array
 
 from jaxmpm.grid import Particles
 from jaxmpm.laws._parameter import with_strength_divided
-from jaxmpm.protocols import History, Material
+from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.support.check import Limit, above_zero
 
 Kind = TypeVar("Kind", bound=Material)
@@ -47,6 +47,10 @@ class Law:
     def initial_history(self, particles: Particles) -> History:
         """None: the law has no history."""
         return None
+
+    def history_at_rest(self, history: History, stress: Tensor) -> History:
+        """The history unchanged: the law does not remember the stress at rest."""
+        return history
 
     def reduced(self, factor: Array) -> Self:
         """The law with parameters declared as `reduced` divided by `factor`; ValueError if there are none."""

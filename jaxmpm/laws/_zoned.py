@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from typing import ClassVar, TypeVar
@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.tree_util import PyTreeDef
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Particles
@@ -19,7 +20,7 @@ from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parame
 from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.support.check import Limit
 from jaxmpm.support.pytrees import pytree
-from jaxmpm.tensors import absent, placed, rows
+from jaxmpm.tensors import CARRIED, absent, placed, rows
 
 Tree = TypeVar("Tree")
 
@@ -88,22 +89,42 @@ class Zoned:
             particles: of the ground.
 
         Returns:
-            Array (N,) or a pytree of them, 0 in zones without history; None if no zone has one.
-
-        Raises:
-            ValueError: If zones have histories of different structures.
+            Array (N,) or a pytree of them, 0 in zones without history; a tuple of such, one for each structure, where
+            zones have histories of different structures; None if no zone has one.
         """
         each = [law.initial_history(_of_zone(particles, own)) for law, own in self.zones]
-        known = {jax.tree.structure(history): history for history in each if history is not None}
-        if len(known) > 1:
-            raise ValueError(
-                f"zones of {_names(self)} have histories of different structures: give laws with the same history"
-            )
-        if not known:
+        kinds = {jax.tree.structure(history): history for history in each if history is not None}
+        return _one([self._filled(each, kind, like) for kind, like in kinds.items()])
+
+    def _filled(self, each: Sequence[History], kind: PyTreeDef, like: History) -> History:
+        """Histories of one structure, 0 in zones whose history has another or that have none."""
+        none = jax.tree.map(lambda _: 0.0, like)
+        own = [history if jax.tree.structure(history) == kind else none for history in each]
+        return jax.tree.map(lambda *parts: self.per_particle(parts), *own)
+
+    def history_at_rest(self, history: History, stress: Tensor) -> History:
+        """The history as each zone has it that is at rest under a stress (Pa)."""
+        if history is None:
             return None
-        (like,) = known.values()
-        filled = [jax.tree.map(lambda _: 0.0, like) if history is None else history for history in each]
-        return jax.tree.map(lambda *parts: self.per_particle(parts), *filled)
+
+        def at_rest(part: Material, own: slice, before: History) -> History:
+            return part.history_at_rest(before, _of_zone(stress, own))
+
+        return self._by_zone(history, stress, at_rest)
+
+    def _by_zone(
+        self, history: History, like: Tensor, function: Callable[[Material, slice, History], History]
+    ) -> History:
+        """The history after a function of the law, the particles and the history of each zone."""
+        structures = [_structure(law, own, like) for law, own in self.zones]
+        kinds = list(dict.fromkeys(each for each in structures if each is not None))
+        parts = () if history is None else (history,) if len(kinds) == 1 else history
+        after = []
+        for (law, own), structure in zip(self.zones, structures, strict=True):
+            mine, before = None if structure is None else kinds.index(structure), _of_zone(parts, own)
+            new = function(law, own, None if mine is None else before[mine])
+            after.append(tuple(new if i == mine else each for i, each in enumerate(before)))
+        return _one([jax.tree.map(lambda *each: jnp.concatenate(each), *kind) for kind in zip(*after, strict=True)])
 
     def reduced(self, factor: Array) -> Zoned:
         """The law with the strength of every zone that has some divided by `factor`; ValueError if none has."""
@@ -174,26 +195,30 @@ def _(
     logarithmic: bool = False,
 ) -> tuple[Tensor, History, Array | None]:
     present = [k for k in range(6) if not (absent(strain[k]) and absent(stress[k]))]
-    components, histories, gaps = [], [], []
-    for part, own in law.zones:
-        before = _of_zone((history, gap), own)
+    components, gaps = [], []
+
+    def updated(part: Material, own: slice, before: History) -> History:
+        opened = _of_zone(gap, own)
         after = update_with_gap(
             part,
             _of_zone(strain, own),
             _of_zone(stress, own),
-            before[0] if _has_history(part, own, strain) else None,
+            before,
             dt,
-            gap=before[1] if remembers_gap(part) else None,
+            gap=opened if remembers_gap(part) else None,
             logarithmic=logarithmic,
         )
         # All components of a zone at once: XLA on CPU takes ten times as long to concatenate them one by one.
         components.append(jnp.stack([after[0][k] for k in present]))
-        histories.append(before[0] if after[1] is None else after[1])
         # A law without memory loses what the average over a cell gives its particles.
-        gaps.append(jnp.zeros_like(before[1]) if after[2] is None and before[1] is not None else after[2])
+        gaps.append(jnp.zeros_like(opened) if after[2] is None and opened is not None else after[2])
+        return after[1]
+
+    history = law._by_zone(
+        history, placed((k, stress[k] if absent(strain[k]) else strain[k]) for k in present), updated
+    )
     stress = placed(zip(present, rows(jnp.concatenate(components, axis=1)), strict=True))
-    history, gap = (jax.tree.map(lambda *parts: jnp.concatenate(parts), *each) for each in (histories, gaps))
-    return stress, history, gap
+    return stress, history, jax.tree.map(lambda *parts: jnp.concatenate(parts), *gaps)
 
 
 @declared.register
@@ -228,12 +253,19 @@ def _of_zone(tree: Tree, own: slice) -> Tree:
     return jax.tree.map(lambda leaf: leaf[..., own] if np.ndim(leaf) else leaf, tree)
 
 
-def _has_history(law: Material, own: slice, like: Tensor) -> bool:
-    """Whether a law has a history of its own particles."""
+def _structure(law: Material, own: slice, like: Tensor) -> PyTreeDef | None:
+    """Structure of the history of a law's own particles, None without, of the dimension and precision of a tensor."""
     count, dtype = own.stop - own.start, jnp.result_type(like[0])
+    dimension = next(d for d in (3, 2, 1) if not any(absent(like[k]) for k in CARRIED[d]))
     values = jax.ShapeDtypeStruct((count,), dtype)
-    particles = Particles(jax.ShapeDtypeStruct((3, count), dtype), values, values)  # type: ignore[arg-type]
-    return jax.eval_shape(law.initial_history, particles) is not None
+    particles = Particles(jax.ShapeDtypeStruct((dimension, count), dtype), values, values)  # type: ignore[arg-type]
+    history = jax.eval_shape(law.initial_history, particles)
+    return None if history is None else jax.tree.structure(history)
+
+
+def _one(parts: Sequence[History]) -> History:
+    """None of no parts, the part of one, and a tuple of several."""
+    return (parts[0] if len(parts) == 1 else tuple(parts)) if parts else None
 
 
 def _names(law: Zoned) -> str:

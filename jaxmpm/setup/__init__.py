@@ -16,7 +16,7 @@ from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._options import Boundary, Loads
-from jaxmpm.setup._scene import scene, unstressed
+from jaxmpm.setup._scene import scene, unstressed, with_stress
 from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil, with_strength
 
 __all__ = [
@@ -57,4 +57,5 @@ __all__ = [
     "wave_speed",
     "with_soil",
     "with_strength",
+    "with_stress",
 ]

@@ -19,7 +19,7 @@ from jaxmpm import tensors
 from jaxmpm.boundary import hold
 from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, closed, external_force, gaps, sheared
 from jaxmpm.laws import elastic_increment
-from jaxmpm.setup._scene import unstressed
+from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.types import Scene, State
 
 
@@ -129,7 +129,10 @@ def at_rest(scene: Scene, *, apic: bool = False) -> State:
 
 
 def settled(scene: Scene, state: State) -> State:
-    """State with the stress of elastic gravity loading, solved from the columns' own weight with K0 = nu/(1 - nu).
+    """State with the stress of elastic gravity loading, solved from the columns' own weight.
+
+    The horizontal stress to start from is K0 times the vertical one: the scene's `k0`, by default nu / (1 - nu). The
+    loading adds what the ground's shape asks for, nothing where it is level.
 
     Args:
         scene: to load.
@@ -150,7 +153,8 @@ def settled(scene: Scene, state: State) -> State:
     d, dtype = scene.grid.dimension, state.stress.dtype
     vertical = -overburden(scene).astype(dtype)
     bulk, shear = np.asarray(scene.material.bulk), np.asarray(scene.material.shear)
-    k0 = ((bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)).astype(dtype)
+    elastic = (bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)
+    k0 = (elastic if scene.k0 is None else np.asarray(scene.k0)).astype(dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
     stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
     balanced, residual = elastic_equilibrium(scene, stress, gapped=_gapped(scene))
@@ -160,7 +164,7 @@ def settled(scene: Scene, state: State) -> State:
             "is the body held against gravity, are the moduli within some orders of magnitude, and is Poisson's ratio "
             "below 0.4999? Else start it with `unstressed`, or take float64"
         )
-    return replace(state, stress=balanced)
+    return with_stress(scene, state, balanced)
 
 
 def overburden(scene: Scene) -> np.ndarray:

@@ -50,6 +50,8 @@ class Loads:
             table below the surface changes nothing there, and a pool is a pressure on the surface.
         pore_pressure: (N,) Pa, constant on each particle; needs a law of effective stress.
         motion: of the base, in whose frame the scene is solved.
+        k0: horizontal over vertical effective stress from which the equilibrium at rest is reached, a number or one
+            value per particle (N,); None for that of elastic loading, nu / (1 - nu). Level ground has it at rest.
     """
 
     gravity: float | Sequence[float] = 0.0
@@ -57,3 +59,4 @@ class Loads:
     water: WaterTable | WaterSurface | None = None
     pore_pressure: ArrayLike | None = None
     motion: BaseMotion | None = None
+    k0: ArrayLike | None = None

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import BaseMotion, frictional, remembers_gap
@@ -25,11 +27,11 @@ from jaxmpm.setup._choices import (
     warn_of_hats,
 )
 from jaxmpm.setup._discretisation import Discretisation, check_discretisation, kernel_of
-from jaxmpm.setup._law import check_scene, checked_material, number_of, wave_speed
+from jaxmpm.setup._law import check_scene, check_shape, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
 from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.support import check
-from jaxmpm.tensors import CARRIED
+from jaxmpm.tensors import CARRIED, expand
 from jaxmpm.transfer import passes_for
 from jaxmpm.types import Engine, Scene, State, Status
 
@@ -104,6 +106,8 @@ def scene(
         check_water(loads.water, loads.pore_pressure, material, particles)
     if length is not None and material.initial_history(particles) is None:
         raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
+    if loads.k0 is not None:
+        check_shape("k0", loads.k0, particles)
     average = numerics.cell_average
     average = bool(material.FRICTIONAL and d > 1) if average is None else bool(average)
     built = Scene(
@@ -136,6 +140,7 @@ def scene(
         tied=boundary.tied,
         cut=None if boundary.cut is None else jnp.asarray(boundary.cut),
         base=jax.tree.map(number, boundary.base),
+        k0=None if loads.k0 is None else number(loads.k0),
     )
     check_scene(built)
     check_weight_below_water(built)
@@ -186,3 +191,18 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
         gap=jnp.zeros_like(particles.mass) if remembers_gap(scene.material) else None,
         unaveraged=None if scene.nonlocal_passes is None else jax.tree.map(jnp.zeros_like, history),
     )
+
+
+def with_stress(scene: Scene, state: State, stress: Array) -> State:
+    """The state at rest under a stress, which a law with memory of it has in its history.
+
+    Args:
+        scene: of the state.
+        state: that has not moved.
+        stress: (s, N) Pa.
+
+    Returns:
+        State.
+    """
+    history = scene.material.history_at_rest(state.history, expand(stress, scene.grid.dimension))
+    return replace(state, stress=stress, history=history)

@@ -16,7 +16,7 @@ from jaxmpm.protocols import Material
 from jaxmpm.setup._choices import WALL_STRENGTH, check_of_contact, check_weight_below_water
 from jaxmpm.setup._initial_stress import at_rest, overburden
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
-from jaxmpm.setup._scene import unstressed
+from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State
@@ -168,7 +168,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     varied = replace(varied, time_step=scene.time_step * min(1.0, before / after))
     if not np.any(np.asarray(state.stress)):
         return varied, state
-    return varied, replace(state, stress=at_rest(varied).stress)
+    return varied, with_stress(varied, state, at_rest(varied).stress)
 
 
 def _heavier(scene: Scene, varied: Scene) -> Array:

@@ -1,5 +1,6 @@
 """Soil in engineers' units, the law that it gives, and detection of numbers in another unit."""
 
+from jaxmpm.soil._beyond import AnisotropicSoil, CamClaySoil, GranularSoil
 from jaxmpm.soil._interface import Interface
 from jaxmpm.soil._layers import law_of_layers, weights
 from jaxmpm.soil._limits import AnySoil, soil_limits, warn_of_units
@@ -8,8 +9,11 @@ from jaxmpm.soil._units import Plausible, unit_slip
 
 __all__ = [
     "STANDARD_GRAVITY",
+    "AnisotropicSoil",
     "AnySoil",
+    "CamClaySoil",
     "FrictionalSoil",
+    "GranularSoil",
     "Interface",
     "PlasticStrain",
     "Plausible",

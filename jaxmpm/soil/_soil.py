@@ -239,12 +239,17 @@ class FrictionalSoil:
 
 def check_soil(soil: Soil | FrictionalSoil) -> None:
     """Raise ValueError for numbers that are impossible for soil."""
+    check_numbers(soil)
+    if not isinstance(soil.gap_memory, bool):
+        raise ValueError(f"gap_memory = {soil.gap_memory!r}: give True or False")
+
+
+def check_numbers(soil: object) -> None:
+    """Raise ValueError for numbers of any soil beyond their limits."""
     for name, limit in LIMITS.items():
         value = getattr(soil, name, None)
         if value is not None:
             check.within(name, value, limit)
-    if not isinstance(soil.gap_memory, bool):
-        raise ValueError(f"gap_memory = {soil.gap_memory!r}: give True or False")
 
 
 def _scale(soil: Soil | FrictionalSoil, band: float) -> float:

@@ -1,0 +1,168 @@
+"""Soils of critical state, of strength by direction and of grains that flow, in engineers' units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxmpm.laws import AnisotropicUndrained, ModifiedCamClay, MuI
+from jaxmpm.soil._limits import ANGLE
+from jaxmpm.soil._soil import check_numbers, moduli
+from jaxmpm.support import check
+
+
+@dataclass(frozen=True)
+class CamClaySoil:
+    """Clay of Modified Cam Clay in effective stress, in SI units; see `jaxmpm.laws.ModifiedCamClay`.
+
+    Every number of the law may be one value per particle (N,) of the scene, too.
+
+    Args:
+        compression: lambda* = lambda / (1 + e), volumetric strain per ln p on the virgin line.
+        swelling: kappa* = kappa / (1 + e), below the compression.
+        critical_state: M, q / p at the critical state, 6 sin(phi) / (3 - sin(phi)) for the friction angle phi.
+        ocr: overconsolidation ratio at rest, of the ellipse's size to that through the stress at rest.
+        poisson: Poisson's ratio.
+        largest_pressure: mean effective stress (Pa) from which on stiffness grows no more, above all that the slope
+            reaches; it limits the time step.
+        least_pressure: mean effective stress (Pa) below which stiffness and the ellipse shrink no more.
+        unit_weight: of soil and its water (N/m3).
+        saturated_unit_weight: of soil that starts below a water table (N/m3); None for unit_weight.
+    """
+
+    compression: float | Array
+    swelling: float | Array
+    critical_state: float | Array
+    ocr: float | Array = 1.0
+    poisson: float = 0.3
+    largest_pressure: float = 500e3
+    least_pressure: float = 1e3
+    unit_weight: float = 18e3
+    saturated_unit_weight: float | None = None
+
+    def material(self, dtype: np.dtype, band: float) -> ModifiedCamClay:
+        """Its law on any grid.
+
+        Args:
+            dtype: of the law's numbers.
+            band: not used, the law has no softening of a band.
+
+        Returns:
+            `ModifiedCamClay`.
+
+        Raises:
+            ValueError: If a number is impossible for soil.
+        """
+        check_numbers(self)
+        check.positive("swelling", self.swelling)
+        check.positive("largest_pressure", self.largest_pressure, "Pa")
+        if np.any(np.asarray(self.swelling) >= np.asarray(self.compression)):
+            raise ValueError(
+                f"swelling = {np.max(np.asarray(self.swelling)):g} with compression = "
+                f"{np.min(np.asarray(self.compression)):g}: give less than the compression, commonly a tenth to a third"
+            )
+        number = partial(jnp.asarray, dtype=dtype)
+        bulk = number(self.largest_pressure / np.asarray(self.swelling))
+        shear = bulk * (3 * (1 - 2 * self.poisson) / (2 * (1 + self.poisson)))
+        numbers = (self.compression, self.swelling, self.critical_state, self.ocr, self.least_pressure)
+        return ModifiedCamClay(bulk, shear, *map(number, numbers))
+
+
+@dataclass(frozen=True)
+class AnisotropicSoil:
+    """Undrained clay with strength by direction, in SI units; see `jaxmpm.laws.AnisotropicUndrained`.
+
+    Every strength may be one value per particle (N,) of the scene, too.
+
+    Args:
+        active_strength: undrained strength where the vertical stress grows, as under a crest (Pa).
+        simple_strength: in direct simple shear (Pa).
+        passive_strength: where the vertical stress falls, as at a toe (Pa).
+        failure_strain: engineering plastic shear strain at which they are mobilised.
+        unit_weight: N/m3.
+        young: Young's modulus at small strain (Pa).
+        poisson: Poisson's ratio.
+    """
+
+    active_strength: float | Array
+    simple_strength: float | Array
+    passive_strength: float | Array
+    failure_strain: float = 0.05
+    unit_weight: float = 18e3
+    young: float = 5e7
+    poisson: float = 0.45
+
+    def material(self, dtype: np.dtype, band: float) -> AnisotropicUndrained:
+        """Its law on any grid.
+
+        Args:
+            dtype: of the law's numbers.
+            band: not used, the law does not soften.
+
+        Returns:
+            `AnisotropicUndrained`.
+
+        Raises:
+            ValueError: If a number is impossible for soil.
+        """
+        check_numbers(self)
+        strengths = self.active_strength, self.simple_strength, self.passive_strength
+        numbers = (*moduli(self.young, self.poisson), *strengths, self.failure_strain)
+        return AnisotropicUndrained(*(jnp.asarray(value, dtype) for value in numbers))
+
+
+@dataclass(frozen=True)
+class GranularSoil:
+    """Dry grains that flow with the friction mu(I), in SI units and degrees; see `jaxmpm.laws.MuI`.
+
+    Args:
+        static_friction: angle of repose (degrees).
+        dynamic_friction: angle of infinitely fast flow (degrees), at least the static one.
+        grain_size: diameter (m).
+        inertial_number: I_0, at which friction is half way between both.
+        grain_density: of the solid (kg/m3).
+        unit_weight: of the grains with their voids (N/m3).
+        young: Young's modulus (Pa).
+        poisson: Poisson's ratio.
+        gap_memory: whether grains that came apart bear pressure only once their gap has closed.
+    """
+
+    static_friction: float
+    dynamic_friction: float
+    grain_size: float
+    inertial_number: float = 0.279
+    grain_density: float = 2500.0
+    unit_weight: float = 15e3
+    young: float = 1e7
+    poisson: float = 0.3
+    gap_memory: bool = True
+
+    def material(self, dtype: np.dtype, band: float) -> MuI:
+        """Its law on any grid.
+
+        Args:
+            dtype: of the law's numbers.
+            band: not used, the law does not soften.
+
+        Returns:
+            `MuI`.
+
+        Raises:
+            ValueError: If a number is impossible for grains.
+        """
+        check_numbers(self)
+        for name in ("static_friction", "dynamic_friction"):
+            check.within(name, getattr(self, name), ANGLE)
+        if self.dynamic_friction < self.static_friction:
+            raise ValueError(
+                f"dynamic_friction = {self.dynamic_friction:g} degrees, below the static_friction of "
+                f"{self.static_friction:g} degrees: give at least that"
+            )
+        angles = math.radians(self.static_friction), math.radians(self.dynamic_friction)
+        numbers = *moduli(self.young, self.poisson), *angles, self.inertial_number, self.grain_size, self.grain_density
+        return MuI(*(jnp.asarray(value, dtype) for value in numbers), self.gap_memory)
