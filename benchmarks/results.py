@@ -1,7 +1,7 @@
-"""`benchmarks/RESULTS.md` from the stored answers: one page to judge by, all figures, the tables behind.
+"""`benchmarks/RESULTS.md` from the stored answers: a page to judge by, and one for each benchmark in benchmarks/pages.
 
-`python -m benchmarks NAME --keep` keeps the JSON of a benchmark in benchmarks/data/results and writes the page anew, so
-that each part of it has the age that its own line gives.
+`python -m benchmarks NAME --keep` keeps the JSON of a benchmark in benchmarks/data/results and writes these pages anew,
+so that each has the age that its own line gives. `python -m benchmarks.results` writes them alone.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from cooperative.store import write_aside
 FOLDER = ROOT / "benchmarks" / "data" / "results"
 FIGURES = ROOT / "benchmarks" / "figures"
 PAGE = ROOT / "benchmarks" / "RESULTS.md"
+PAGES = ROOT / "benchmarks" / "pages"
 
 HEAD = """# Results
 
@@ -99,7 +100,16 @@ def keep(answer: str, draw: Callable[[Path], object] | None = None) -> None:
     write_aside(FOLDER / f"{json.loads(answer)['benchmark']}.json", f"{answer}\n".encode())
     if draw is not None:
         draw(FIGURES)
-    write_aside(PAGE, document(stored()).encode())
+    write()
+
+
+def write() -> None:
+    """Write the page, and that of each benchmark."""
+    PAGES.mkdir(parents=True, exist_ok=True)
+    answers = stored()
+    write_aside(PAGE, document(answers).encode())
+    for answer in answers:
+        write_aside(PAGES / f"{answer['benchmark']}.md", section(answer).encode())
 
 
 def stored() -> list[dict[str, Any]]:
@@ -108,26 +118,27 @@ def stored() -> list[dict[str, Any]]:
 
 
 def document(answers: list[dict[str, Any]]) -> str:
-    """The whole page."""
-    parts = [HEAD, *lead(answers), "\n## All named figures\n", "| benchmark | figure | value |\n|---|---|---|"]
+    """The page to judge by."""
+    parts = [HEAD, *lead(answers), "\n## Benchmarks\n", "| benchmark | what | day |", "|---|---|---|"]
     for answer in answers:
-        for name, value in answer["values"].items():
-            parts.append(f"| [{answer['benchmark']}](#{answer['benchmark']}) | {name} | {_cell(value)} |")
-    for answer in answers:
-        parts.append("\n" + section(answer))
+        name = answer["benchmark"]
+        about = (module(name).__doc__ or "").strip().partition("\n\n")[0]
+        parts.append(f"| [{name}](pages/{name}.md) | {' '.join(about.split())} | {answer['date']} |")
     return "\n".join(parts) + "\n"
 
 
 def section(answer: dict[str, Any]) -> str:
-    """One benchmark: what it is, where it ran, its figures if it has any, its table."""
+    """The page of one benchmark: what it is, where it ran, its pictures if it has any, its figures, its tables."""
     name, machine = answer["benchmark"], answer["machine"]
     about = (module(name).__doc__ or "").strip()
     versions = ", ".join(f"{package} {number}" for package, number in machine["versions"].items())
-    lines = [f"## {name}", "", about, ""]
+    lines = [f"# {name}", "", about, ""]
     lines += [f"{answer['date']}: {machine['processor']}, {machine['cores']} cores; {versions}.", ""]
-    figures = sorted(FIGURES.glob(f"{name}*.png"))
-    lines += [f"![{figure.stem}](figures/{figure.name})" for figure in figures]
-    return "\n".join([*lines, *tables(answer["rows"])])
+    lines += [f"![{picture.stem}](../figures/{picture.name})" for picture in sorted(FIGURES.glob(f"{name}*.png"))]
+    if answer["values"]:
+        lines += ["", "| figure | value |", "|---|---|"]
+        lines += [f"| {figure} | {_cell(value)} |" for figure, value in answer["values"].items()]
+    return "\n".join([*lines, *tables(answer["rows"])]) + "\n"
 
 
 def tables(rows: list[dict[str, Any]]) -> list[str]:
@@ -154,3 +165,7 @@ def _cell(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(_cell, value))
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    write()

@@ -112,7 +112,7 @@ def lead(answers: list[Answer]) -> list[str]:
     ]
     for question, value in judged:
         unit = f" {question.unit}" if question.unit else ""
-        link = f"[{question.benchmark}](#{question.benchmark})"
+        link = f"[{question.benchmark}](pages/{question.benchmark}.md)"
         lines.append(
             f"| {question.text} | {value:.4g}{unit} | {bounds(question)} | {keeps(question, value)} "
             f"| {distance(question, value)} | {link} |"

@@ -12,7 +12,7 @@ PACKAGES = ("jaxmpm", "kl", "cooperative")
 project, author = "jaxmpm", "The jaxmpm authors"
 version = release = import_module("jaxmpm").__version__
 root_doc = "docs/index"
-include_patterns = ["docs/**", "notebooks/*.ipynb", "benchmarks/RESULTS.md", "CHANGELOG.md"]
+include_patterns = ["docs/**", "notebooks/*.ipynb", "benchmarks/RESULTS.md", "benchmarks/pages/*.md", "CHANGELOG.md"]
 exclude_patterns = ["docs/gallery/**", "docs/templates/**"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 templates_path = ["templates"]

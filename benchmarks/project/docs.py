@@ -12,11 +12,12 @@ from cooperative.scene import TABLES
 
 
 def pages() -> list[str]:
-    """The README, all pages of docs/ and the benchmarks' results, from the repository's root."""
+    """The README, all pages of docs/ and the pages of the benchmarks' results, from the repository's root."""
     return [
         "README.md",
-        *(str(p.relative_to(ROOT)) for p in sorted((ROOT / "docs").glob("*.md"))),
+        *(str(p.relative_to(ROOT)) for folder in ("docs", "docs/notes") for p in sorted((ROOT / folder).glob("*.md"))),
         "benchmarks/RESULTS.md",
+        *(str(p.relative_to(ROOT)) for p in sorted((ROOT / "benchmarks" / "pages").glob("*.md"))),
     ]
 
 

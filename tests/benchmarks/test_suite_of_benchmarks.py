@@ -42,17 +42,22 @@ def test_results_hold_every_value_and_row():
     answer = json.loads(
         measure.as_json("slope", measure.Report({"fos": 1.234567}, [{"x": 1, "y": [1.0, 2.0]}, {"z": "a"}]))
     )
-    page = results.document([answer])
-    assert "| [slope](#slope) | fos | 1.235 |" in page
+    assert "| [slope](pages/slope.md) |" in results.document([answer])
+    page = results.section(answer)
+    assert "| fos | 1.235 |" in page
     assert "| 1 | 1, 2 |" in page
     assert "| z |" in page
 
 
 def test_the_page_is_of_the_stored_answers(tmp_path, monkeypatch):
-    assert results.PAGE.read_text() == results.document(results.stored())
+    answers = results.stored()
+    assert results.PAGE.read_text() == results.document(answers)
+    pages = {path.stem: path.read_text() for path in results.PAGES.glob("*.md")}
+    assert pages == {answer["benchmark"]: results.section(answer) for answer in answers}
     rows = [{"x": 1.5, "of": "a b"}, {"x": None, "of": "c"}, {"z": 2.0}]
     monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
+    monkeypatch.setattr(results, "PAGES", tmp_path / "pages")
     monkeypatch.setattr(results, "FIGURES", tmp_path / "figures")
     for name in ("slope", "screening"):
         report = measure.Report({}, rows, lambda folder: (folder / f"{name}_all.png").write_bytes(b""))  # noqa: B023
@@ -60,9 +65,9 @@ def test_the_page_is_of_the_stored_answers(tmp_path, monkeypatch):
     assert results.stored_rows("slope") == results.stored_rows("screening") == rows
     page = (tmp_path / "RESULTS.md").read_text()
     assert page == results.document(results.stored())
-    assert page.index("## slope") < page.index("## screening")
+    assert page.index("[slope]") < page.index("[screening]")
     for name in ("slope", "screening"):
-        assert f"![{name}_all](figures/{name}_all.png)" in page
+        assert f"![{name}_all](../figures/{name}_all.png)" in (tmp_path / "pages" / f"{name}.md").read_text()
 
 
 def test_figures_of_error_and_time_are_drawn_from_the_stored_answer(tmp_path):
