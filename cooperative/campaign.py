@@ -1,4 +1,7 @@
-"""The controller: screen every sample on the rough grid, run those refined that the estimator asks for, estimate.
+"""The controller: draw samples, screen them, refine those that the estimator asks for, let slides go on, summarise.
+
+Each step is a function from the findings of a campaign to its next findings. A step runs samples through a `Runner` and
+writes each sample as it ends, so that a campaign that is stopped goes on from there.
 
 Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413, Section 3.
 """
@@ -7,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
-from contextlib import closing, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import runs
-from cooperative.estimate import Estimator, Phases, Screened, Slides
+from cooperative.estimate import Estimator, Phases, Sampling, Screened, Slides, Zone
 from cooperative.folder import Results, write_results
 from cooperative.scene import Campaign, Measured, in_folder, measure, write_budget, write_slides_end
 from cooperative.store import (
@@ -30,7 +33,7 @@ from cooperative.store import (
     restart_path,
     write_sample,
 )
-from cooperative.summary import summary_of
+from cooperative.summary import slides_of, summary_of
 from cooperative.values import Summary
 
 
@@ -80,57 +83,62 @@ def run(
     runs.check_flags()
     folder = Path(folder)
     campaign, source = in_folder(scene, folder, estimator, refined_runs, slides_t_end)
-    unmeasured, grids = replace(campaign, measured=Measured(campaign.measured.terms)), tuple(campaign.grids)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.packed(campaign)  # nothing is written for one that cannot be sent
     runs.check_size(campaign, workers if executor is None else 1)
-    with runs.stop_by_signals() as stop:
-        alone, own = executor is None and workers == 1, 0 if executor else workers
-        pool = None if alone else runs.Workers(executor or partial(runs.process_pool, workers), workers, own)
-        with closing(pool) if pool else nullcontext():
-            with stop.at_once():
-                if pool:
-                    pool.prepare(runs.packed(unmeasured), folder.resolve())
-                models = _models(unmeasured, grids, folder)
-                for model in models.values() if verify else ():
-                    runs.verify_initial(folder, model)
-            with (
-                open_store(folder, source, verify=verify, grids=grids) as store,
-                runs.bars(folder, progress) as bar,
-            ):
-                with stop.at_once():
-                    for model in models.values():
-                        runs.keep_initial(folder, model.grid, model.scene, model.state)
-                    if campaign.raised is not None:
-                        write_budget(folder, campaign.raised)
-                    if slides_t_end is not None:
-                        write_slides_end(folder, slides_t_end)
-                    campaign = measure(campaign, folder, models["rough"].soil.counts, models)
-                    models = {grid: model.with_measured(campaign) for grid, model in models.items()}
-                    runs.keep_ground(folder, models)
-                return _ran(_Runs(campaign, models, pool, stop, folder.resolve(), bar), store, on_phase)
-
-
-def _models(campaign: Campaign, grids: tuple[str, ...], folder: Path) -> dict[str, runs.GridModel]:
-    """The grids of a campaign, at rest by what its folder keeps.
-
-    Raises ValueError where slope, soil, field and grids do not fit.
-    """
-    soil = runs.random_soil(campaign)
-    runs.check_coefficients(campaign, soil.modes)
-    return {grid: runs.build(campaign, grid, soil, folder=folder) for grid in grids}
+    pool = None
+    if executor is not None or workers > 1:
+        make = executor or partial(runs.process_pool, workers)
+        pool = runs.Workers(make, workers, ahead=0 if executor else workers)
+    with _opened(campaign, source, folder, pool, slides_t_end, progress=progress, verify=verify) as runner:
+        on_phase("screening")
+        findings = screen(runner, draw(runner))
+        on_phase("audit")
+        findings = refine(runner, findings)
+        on_phase("slides")
+        findings = slide(runner, findings)
+        on_phase("summary")
+        return summarise(runner, findings)
 
 
 @dataclass(frozen=True)
-class _Runs:
-    """Runs a campaign's samples: on its grids' models in this process, or by workers."""
+class Findings:
+    """What a campaign has found.
+
+    Args:
+        sampling: first phase as the estimator sees it.
+        coefficients: of its samples (n, terms), as many as the rough results determine.
+        phases: results of both grids.
+    """
+
+    sampling: Sampling
+    coefficients: np.ndarray
+    phases: Phases
+
+    def refined(self, results: Screened) -> Findings:
+        """The same first phase with these results of the refined grid, and no others."""
+        return replace(self, phases=self.phases.refined(results))
+
+
+@dataclass(frozen=True)
+class Runner:
+    """Runs a campaign's samples: on its grids' models in this process, or by workers.
+
+    Args:
+        campaign: as measured.
+        models: by grid.
+        store: the campaign's folder, open for writing.
+        workers: that run the samples, None for this process.
+        stop: what signals ask for.
+        bar: shows progress.
+    """
 
     campaign: Campaign
     models: dict[str, runs.GridModel]
+    store: Store
     workers: runs.Workers | None
     stop: runs.Stop
-    folder: Path
     bar: runs.Bar
 
     @cached_property
@@ -138,182 +146,241 @@ class _Runs:
         """The campaign for its workers."""
         return runs.packed(self.campaign)
 
+    @cached_property
+    def ground(self) -> runs.StoredGround:
+        """The ground of the grids."""
+        return runs.ground_of(self.models)
+
     @property
     def at_once(self) -> int:
         """Refined runs under way at once."""
         return self.campaign.plan.look_ahead if self.workers is None else self.workers.count
+
+    def rows(self, grid: str) -> Rows:
+        """Rows of a grid in the folder."""
+        return runs.rows_reader(self.store, self.ground.samples, self.ground, self.stop.look)(grid)
 
     def samples(
         self, grid: str, numbers: Iterable[int], coefficients: np.ndarray, *, slides: bool = False
     ) -> Iterator[Sample]:
         """Run these samples on one grid, or on from where they had failed to the end of their slides.
 
-        Yields each as it ends. Raises `Stopped` when asked to stop.
+        Yields each sample as it ends. Raises `Stopped` when asked to stop.
         """
-        plan = self.campaign.plan
+        plan, folder = self.campaign.plan, self.store.folder.resolve()
         limit = plan.screening_stop if grid == "rough" else None
         # A coarse run gives a rank alone, a refined one its class unless it slides.
         if grid == COARSE or (grid == "refined" and plan.slides is not None and not slides):
             limit = self.campaign.run.failure_displacement
         if self.workers is not None:
-            return runs.run_through(
+            ended = runs.run_through(
                 self.workers, self.packed, grid, numbers, coefficients, stop_at=limit, slides=slides,
-                folder=self.folder, look=self.stop.look,
+                folder=folder, look=self.stop.look,
             )  # fmt: skip
-        return runs.run_samples(
-            self.models[grid], coefficients, numbers, width=plan.look_ahead if grid == "refined" else plan.lanes,
-            stop_at=limit, restart_in=self.folder if grid == "refined" else None, stop=self.stop.asked, slides=slides,
-        )  # fmt: skip
+        else:
+            ended = runs.run_samples(
+                self.models[grid], coefficients, numbers, width=plan.look_ahead if grid == "refined" else plan.lanes,
+                stop_at=limit, restart_in=folder if grid == "refined" else None, stop=self.stop.asked, slides=slides,
+            )  # fmt: skip
+        for sample in ended:
+            yield sample
+            self.stop.look()
 
 
-def _ran(runner: _Runs, store: Store, on_phase: Callable[[str], None]) -> Summary:
-    """Both phases, and the summary, which is written too."""
+@contextmanager
+def _opened(
+    campaign: Campaign, source: Source, folder: Path, pool: runs.Workers | None, slides_t_end: float | None, *,
+    progress: bool, verify: bool,
+) -> Iterator[Runner]:  # fmt: skip
+    """A campaign ready to run: its grids at rest, its folder open and locked, what is measured before the first run.
+
+    Raises ValueError where slope, soil, field and grids do not fit.
+    """
+    unmeasured, grids = replace(campaign, measured=Measured(campaign.measured.terms)), tuple(campaign.grids)
+    with runs.stop_by_signals() as stop, closing(pool) if pool else nullcontext():
+        with stop.at_once():
+            if pool:
+                pool.prepare(runs.packed(unmeasured), folder.resolve())
+            soil = runs.random_soil(unmeasured)
+            runs.check_coefficients(unmeasured, soil.modes)
+            models = {grid: runs.build(unmeasured, grid, soil, folder=folder) for grid in grids}
+            for model in models.values() if verify else ():
+                runs.verify_initial(folder, model)
+        with open_store(folder, source, verify=verify, grids=grids) as store, runs.bars(folder, progress) as bar:
+            with stop.at_once():
+                for model in models.values():
+                    runs.keep_initial(folder, model.grid, model.scene, model.state)
+                if campaign.raised is not None:
+                    write_budget(folder, campaign.raised)
+                if slides_t_end is not None:
+                    write_slides_end(folder, slides_t_end)
+                campaign = measure(campaign, folder, models["rough"].soil.counts, models)
+                models = {grid: model.with_measured(campaign) for grid, model in models.items()}
+                runs.keep_ground(folder, models)
+            yield Runner(campaign, models, store, pool, stop, bar)
+
+
+def draw(runner: Runner) -> Findings:
+    """Draw the first samples of the rough grid; where there is a coarse grid, all run there first.
+
+    Args:
+        runner: of the campaign.
+    """
+    campaign, rough = runner.campaign, runner.rows("rough").results
+    sampling = runs.sampling_of(campaign, _zones(runner))
+    phases = Phases.of(campaign.estimator, sampling, rough, {})
+    return Findings(sampling, campaign.estimator.coefficients(sampling, rough), phases)
+
+
+def _zones(runner: Runner) -> dict[int, Zone] | None:
+    """What each sample of the rough grid stands for, by number, as the coarse grid draws them; None without one."""
     campaign = runner.campaign
-    ground = runs.ground_of(runner.models)
-    rows = runs.rows_reader(store, ground.samples, ground, runner.stop.look)
-    on_phase("screening")
-    coefficients, screened = _screen(runner, store, rows)
-    on_phase("audit")
-    _refine(runner, store, rows, screened, coefficients)
-    on_phase("slides")
-    _slide_on(runner, store, rows, screened, coefficients)
-    on_phase("summary")
-    rough, refined = rows("rough"), rows("refined")
-    summary = summary_of(campaign, screened.refined(refined.results), rough, refined)
-    write_results(Results(store, ground, rough, refined, summary), runner.models)
-    return summary
+    if campaign.coarse is None:
+        return None
+    results = runner.rows(COARSE).results
+    samples, coefficients = campaign.plan.samples, runs.sampling_of(campaign).draw()
+    with runner.bar("coarse grid", samples, len(results)) as bar:
+        missing = [number for number in range(samples) if number not in results]
+        for sample in runner.samples(COARSE, missing, coefficients):
+            write_sample(runner.store, COARSE, sample)
+            results[sample.number] = sample.result
+            bar.update()
+    return runs.draw_by(campaign, results)
 
 
-def _screen(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> tuple[np.ndarray, Phases]:
-    """Run every sample of the first phase that is not there yet; the coefficients of all (n, modes), and that phase."""
-    campaign, known = runner.campaign, rows("rough").results
-    zones = None if campaign.coarse is None else runs.draw_by(campaign, _on_coarse_grid(runner, store, rows))
-    estimator, sampling = campaign.estimator, runs.sampling_of(campaign, zones)
-    planned = estimator.rough_runs(sampling)
+def screen(runner: Runner, findings: Findings) -> Findings:
+    """Run every sample of the first phase on the rough grid; the results may determine further ones.
+
+    Args:
+        runner: of the campaign.
+        findings: by `draw`.
+    """
+    estimator, sampling, zones = runner.campaign.estimator, findings.sampling, findings.sampling.zones
+    results, coefficients = dict(findings.phases.rough), findings.coefficients
 
     def share() -> str:
-        now = Phases(estimator, sampling.failure_displacement, known, planned=planned, zones=zones).estimate
+        now = replace(findings.phases, rough=results, population=None).estimate
         return f"{now.probability:.3g} fail on the rough grid"
 
-    with runner.bar("rough grid", planned, len(known)) as bar:
-        while True:
-            coefficients = estimator.coefficients(sampling, known)
-            asked = range(len(coefficients)) if zones is None else sorted(zones)
-            missing = [number for number in asked if number not in known]
-            if not missing:
-                return coefficients, Phases.known(estimator, sampling, known, {})
-            for sample in runner.samples("rough", missing, coefficients):
-                if zones is not None:
-                    sample = replace(sample, row={**sample.row, **runs.row_of(zones[sample.number])})
-                write_sample(store, "rough", sample)
-                known[sample.number] = sample.result
+    def missing() -> list[int]:
+        return [n for n in (range(len(coefficients)) if zones is None else sorted(zones)) if n not in results]
+
+    with runner.bar("rough grid", findings.phases.planned, len(results)) as bar:
+        while numbers := missing():
+            for sample in runner.samples("rough", numbers, coefficients):
+                row = {} if zones is None else runs.row_of(zones[sample.number])
+                write_sample(runner.store, "rough", replace(sample, row={**sample.row, **row}))
+                results[sample.number] = sample.result
                 runs.advance(bar, share)
-                runner.stop.look()
+            coefficients = estimator.coefficients(sampling, results)
+    return Findings(sampling, coefficients, Phases.of(estimator, sampling, results, {}))
 
 
-def _on_coarse_grid(runner: _Runs, store: Store, rows: Callable[[str], Rows]) -> Screened:
-    """Run every sample on the coarse grid that has not run there yet; the results of all."""
-    campaign, known = runner.campaign, rows(COARSE).results
-    samples, coefficients = campaign.plan.samples, runs.sampling_of(campaign).draw()
-    with runner.bar("coarse grid", samples, len(known)) as bar:
-        missing = [number for number in range(samples) if number not in known]
-        for sample in runner.samples(COARSE, missing, coefficients):
-            write_sample(store, COARSE, sample)
-            known[sample.number] = sample.result
-            bar.update()
-            runner.stop.look()
-    return known
+def refine(runner: Runner, findings: Findings) -> Findings:
+    """Run refined what the estimator asks for, until it asks for nothing more.
 
+    Args:
+        runner: of the campaign.
+        findings: by `screen`.
+    """
+    results = runner.rows("refined").results
 
-def _refine(
-    runner: _Runs, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
-) -> None:
-    """Run refined what the estimator asks for, until it asks for nothing more."""
-    known = rows("refined").results
+    def next_runs(under_way: Collection[int]) -> list[int]:
+        return findings.phases.refined(results).next_runs(runner.at_once, under_way)
 
-    def wanted(under_way: Collection[int]) -> list[int]:
-        return screened.refined(known).next_runs(runner.at_once, under_way)
+    def in_rank_order() -> Iterator[int]:
+        # The runner takes a number when it has a lane for it.
+        started: set[int] = set()
+        while numbers := next_runs(started - results.keys()):
+            started.add(numbers[0])
+            yield numbers[0]
 
     def estimate() -> str:
-        now = screened.refined(known).estimate
+        now = findings.phases.refined(results).estimate
         return "P_f {:.3g} ({:.3g} to {:.3g})".format(now.probability, *now.interval)
 
-    with runner.bar("refined grid", runner.campaign.estimator.budget(screened.planned), len(known)) as bar:
-        while wanted(()):
-            for sample in runner.samples("refined", _in_rank_order(wanted, known), coefficients):
-                write_sample(store, "refined", sample)
-                known[sample.number] = sample.result
-                _drop_restart_points(runner, store, screened.refined(known))
+    budget = runner.campaign.estimator.budget(findings.phases.planned)
+    with runner.bar("refined grid", budget, len(results)) as bar:
+        while next_runs(()):
+            for sample in runner.samples("refined", in_rank_order(), findings.coefficients):
+                write_sample(runner.store, "refined", sample)
+                results[sample.number] = sample.result
+                _drop_restart_points(runner, findings.phases.refined(results))
                 runs.advance(bar, estimate)
-                runner.stop.look()
+    return findings.refined(results)
 
 
-def _drop_restart_points(runner: _Runs, store: Store, phases: Phases) -> None:
+def _drop_restart_points(runner: Runner, phases: Phases) -> None:
     """Keep no more restart points of failures that wait for the draw than twice the slides to be drawn.
 
     All are as likely to be drawn. One that is drawn without starts afresh.
     """
-    count = runner.campaign.plan.slides
+    count, folder = runner.campaign.plan.slides, runner.store.folder
     if not count:
         return
-    waiting = [n for n, fails in phases.answers.items() if fails and restart_path(store.folder, SLIDES, n).exists()]
+    waiting = [n for n, fails in phases.answers.items() if fails and restart_path(folder, SLIDES, n).exists()]
     for number in sorted(waiting)[2 * count :]:
-        restart_path(store.folder, SLIDES, number).unlink()
+        restart_path(folder, SLIDES, number).unlink()
 
 
-def _slide_on(
-    runner: _Runs, store: Store, rows: Callable[[str], Rows], screened: Phases, coefficients: np.ndarray
-) -> None:
-    """Let as many failures slide on to their end as are asked for, as far as they have not yet.
+def slide(runner: Runner, findings: Findings) -> Findings:
+    """Let as many failures slide on to their end as the scene asks for, as far as they have not yet.
 
     A sample that is drawn and has not run refined runs to its end; where it stands, the next is drawn.
+
+    Args:
+        runner: of the campaign.
+        findings: by `refine`.
     """
-    plan = runner.campaign.plan
-    if plan.slides == 0:
-        return
+    campaign = runner.campaign
+    if campaign.plan.slides == 0:
+        return findings
 
-    def known() -> tuple[list[int], Slides]:
-        refined = rows("refined")
-        phases = screened.refined(refined.results)
-        return refined.numbers, Slides.of(phases, refined.numbers, refined.ended, plan.slides, plan.seed)
+    def slid() -> tuple[Findings, Rows, Slides]:
+        rows = runner.rows("refined")
+        now = findings.refined(rows.results)
+        return now, rows, slides_of(campaign, now.phases, rows)
 
-    numbers, so_far = known()
+    findings, refined, slides = slid()
     # Without a number of slides all failures of the audit have slid to their end.
-    if plan.slides:
-        with runner.bar("slides", so_far.planned, int(so_far.slid.sum())) as bar:
-            while so_far.wanted:
-                for sample in runner.samples("refined", so_far.wanted, coefficients, slides=True):
-                    write_sample(store, SLIDES if sample.number in numbers else "refined", sample)
-                    if screened.answer(*sample.result):
+    if campaign.plan.slides:
+        with runner.bar("slides", slides.planned, int(slides.slid.sum())) as bar:
+            while slides.wanted:
+                for sample in runner.samples("refined", slides.wanted, findings.coefficients, slides=True):
+                    write_sample(runner.store, SLIDES if sample.number in refined.numbers else "refined", sample)
+                    if findings.phases.answer(*sample.result):
                         bar.update()
-                    runner.stop.look()
-                numbers, so_far = known()
-    _slide_longer(runner, store, rows, so_far, coefficients)
-    for number in numbers:
-        restart_path(store.folder, SLIDES, number).unlink(missing_ok=True)
+                findings, refined, slides = slid()
+    _slide_longer(runner, findings, refined, slides)
+    for number in refined.numbers:
+        restart_path(runner.store.folder, SLIDES, number).unlink(missing_ok=True)
+    return findings
 
 
-def _slide_longer(
-    runner: _Runs, store: Store, rows: Callable[[str], Rows], slides: Slides, coefficients: np.ndarray
-) -> None:
+def _slide_longer(runner: Runner, findings: Findings, refined: Rows, slides: Slides) -> None:
     """Let slides go on that had not come to rest at an earlier end than slides have now."""
-    refined, last = rows("refined"), runner.campaign.run.last("refined")
+    last = runner.campaign.run.last("refined")
     early = refined.columns.get("time", np.full(len(refined.numbers), np.inf)) < last * (1 - 1e-6)
     moving = np.flatnonzero(slides.slid & early & (refined.columns["status"] == "FINISHED"))
     if not moving.size:
         return
+    numbers = [refined.numbers[at] for at in moving]
     with runner.bar("slides that had not come to rest", moving.size, 0) as bar:
-        for sample in runner.samples("refined", [refined.numbers[at] for at in moving], coefficients, slides=True):
-            write_sample(store, SLIDES, sample, longer=True)
+        for sample in runner.samples("refined", numbers, findings.coefficients, slides=True):
+            write_sample(runner.store, SLIDES, sample, longer=True)
             if sample.status != "FINISHED":
-                restart_path(store.folder, MOVING, sample.number).unlink(missing_ok=True)
+                restart_path(runner.store.folder, MOVING, sample.number).unlink(missing_ok=True)
             bar.update()
-            runner.stop.look()
 
 
-def _in_rank_order(wanted: Callable[[Collection[int]], list[int]], known: Screened) -> Iterator[int]:
-    """Numbers of the samples to run refined, each asked for when there is a lane for it."""
-    started: set[int] = set()
-    while numbers := wanted(started - known.keys()):
-        started.add(numbers[0])
-        yield numbers[0]
+def summarise(runner: Runner, findings: Findings) -> Summary:
+    """The campaign in numbers, which the folder keeps.
+
+    Args:
+        runner: of the campaign.
+        findings: by `slide`.
+    """
+    rough, refined = runner.rows("rough"), runner.rows("refined")
+    summary = summary_of(runner.campaign, findings.refined(refined.results).phases, rough, refined)
+    write_results(Results(runner.store, runner.ground, rough, refined, summary), runner.models)
+    return summary

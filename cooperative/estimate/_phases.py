@@ -70,13 +70,13 @@ class Phases:
     zones: Mapping[int, Zone] | None = None
 
     @classmethod
-    def known(cls, estimator: Estimator, sampling: Sampling, rough: Screened, refined: Screened) -> Phases:
+    def of(cls, estimator: Estimator, sampling: Sampling, rough: Screened, refined: Screened) -> Phases:
         """From the results of both grids: sample -> its largest displacement (m), and whether the run broke off."""
         # Once there are refined runs, missing rough ones wait to be redone, and the estimate does without them.
         planned = estimator.rough_runs(sampling)
         population = None if len(rough) < planned and not refined else estimator.population(sampling, rough)
-        begun = cls(estimator, sampling.failure_displacement, rough, population, planned=planned, zones=sampling.zones)
-        return begun.refined(refined)
+        first = cls(estimator, sampling.failure_displacement, rough, population, planned=planned, zones=sampling.zones)
+        return first.refined(refined)
 
     def refined(self, results: Screened) -> Phases:
         """The same first phase with these results of the refined grid, and no others."""

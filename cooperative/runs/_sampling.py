@@ -75,7 +75,7 @@ def phases_of(campaign: Campaign, rough: Rows, refined: Rows) -> Phases:
         refined: rows of the refined grid.
     """
     zones = None if campaign.coarse is None else zones_of(rough)
-    return Phases.known(campaign.estimator, sampling_of(campaign, zones), rough.results, refined.results)
+    return Phases.of(campaign.estimator, sampling_of(campaign, zones), rough.results, refined.results)
 
 
 def draw_by(campaign: Campaign, coarse: Screened) -> dict[int, Zone]:

@@ -51,7 +51,7 @@ def test_the_estimate_weighs_samples_by_their_zones(done):
     assert phases.estimate.probability == summary.probability_of_failure
     assert summary.other_estimates == {}
     alike = Sampling(campaign.plan.rough_samples, campaign.run.failure_displacement)
-    unweighted = Phases.known(campaign.estimator, alike, phases.rough, read_rows(store, "refined").results)
+    unweighted = Phases.of(campaign.estimator, alike, phases.rough, read_rows(store, "refined").results)
     assert unweighted.estimate.interval != phases.estimate.interval
 
 

@@ -1,4 +1,4 @@
-"""A scene's way through a campaign: which rooms the controller and its loops enter."""
+"""A scene's way through a campaign: which steps the controller takes, and which rooms each of them enters."""
 
 import sys
 from functools import cache
@@ -13,7 +13,15 @@ from benchmarks.robustness.invented import CALIBRATED, SUBSET
 from cooperative import campaign
 
 HOUSE = Path(cooperative.__file__).parent
-LOOPS = ("_screen", "_refine")
+RUNS = {"estimate", "runs", "store"}
+STEPS = {
+    "draw": RUNS,
+    "screen": RUNS,
+    "refine": RUNS,
+    "slide": RUNS | {"scene", "summary"},
+    "summarise": RUNS | {"summary", "folder"},
+}
+"""Of each step of a campaign, in order, the rooms that it may enter."""
 
 
 def room_of(code):
@@ -41,8 +49,8 @@ def callers(frame):
 
 
 def trace(does):
-    """Rooms that the controller enters in order, each loop over samples as one; and the rooms that a loop enters."""
-    way, loops = [], {name: set() for name in LOOPS}
+    """Rooms that the controller enters in order, each step as one; and the rooms that a step enters."""
+    way, steps = [], {name: set() for name in STEPS}
 
     def entered(frame, event, _):
         if event != "call":
@@ -53,17 +61,17 @@ def trace(does):
         outer = callers(frame)
         if not outer or room_of(outer[0]) != "campaign":
             return
-        loop = next((code.co_name for code in outer if room_of(code) == "campaign" and code.co_name in LOOPS), None)
-        way.append(loop or room)
-        if loop is not None:
-            loops[loop].add(room)
+        step = next((code.co_name for code in outer if room_of(code) == "campaign" and code.co_name in STEPS), None)
+        way.append(step or room)
+        if step is not None:
+            steps[step].add(room)
 
     sys.setprofile(entered)
     try:
         does()
     finally:
         sys.setprofile(None)
-    return [room for room, _ in groupby(way)], loops
+    return [room for room, _ in groupby(way)], steps
 
 
 @pytest.mark.parametrize(
@@ -71,9 +79,10 @@ def trace(does):
 )
 def test_the_controller_goes_from_scene_to_folder_through_its_rooms(tmp_path, monkeypatch, scene, choices):
     invented.invent(put=monkeypatch.setattr)
-    way, loops = trace(lambda: campaign.run(scene, tmp_path / "out", **choices))
+    way, steps = trace(lambda: campaign.run(scene, tmp_path / "out", **choices))
     assert way[:2] == ["runs", "scene"]  # settings of JAX first
-    assert way[-1] == "folder"
-    assert [room for room in way if room in LOOPS] == list(LOOPS)
-    assert set(way) - set(LOOPS) <= {"scene", "estimate", "runs", "store", "summary", "folder"}
-    assert loops == {name: {"estimate", "runs", "store"} for name in LOOPS}
+    assert [room for room in way if room in STEPS] == list(STEPS)
+    assert set(way) - set(STEPS) <= {"scene", "estimate", "runs", "store"}
+    assert {name: rooms - STEPS[name] for name, rooms in steps.items()} == dict.fromkeys(STEPS, set())
+    assert steps["screen"] == steps["refine"] == RUNS
+    assert {"summary", "folder"} <= steps["summarise"]

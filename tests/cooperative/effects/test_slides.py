@@ -254,7 +254,7 @@ def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path,
 
     folder, _ = all_slides
     with monkeypatch.context() as patched:
-        patched.setattr(campaign, "_slide_on", interrupted)
+        patched.setattr(campaign, "slide", interrupted)
         with pytest.raises(Killed):
             campaign.run(asked(2), tmp_path)
     files = list((tmp_path / "restart").glob("slides-*.h5"))
@@ -282,14 +282,14 @@ def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides
     phases = SimpleNamespace(answers={**dict.fromkeys(range(6), True), 6: False})
     store = SimpleNamespace(folder=tmp_path)
 
-    def left(slides):
-        controller = SimpleNamespace(campaign=SimpleNamespace(plan=SimpleNamespace(slides=slides)))
-        campaign._drop_restart_points(controller, store, phases)
+    def kept(slides):
+        plan = SimpleNamespace(slides=slides)
+        campaign._drop_restart_points(SimpleNamespace(campaign=SimpleNamespace(plan=plan), store=store), phases)
         return [number for number in range(6) if restart_path(tmp_path, SLIDES, number).exists()]
 
-    assert left(None) == left(0) == left(3) == [0, 1, 2, 3, 4]
-    assert left(2) == [0, 1, 2, 3]
-    assert left(1) == [0, 1]
+    assert kept(None) == kept(0) == kept(3) == [0, 1, 2, 3, 4]
+    assert kept(2) == [0, 1, 2, 3]
+    assert kept(1) == [0, 1]
 
 
 @pytest.mark.usefixtures("unrendered")
