@@ -45,7 +45,7 @@ from .store import (
     read_sample,
     read_store,
 )
-from .values import Summary
+from .summary import Summary
 
 __all__ = [
     "Answers",

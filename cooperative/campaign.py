@@ -33,8 +33,8 @@ from cooperative.store import (
     restart_path,
     write_sample,
 )
-from cooperative.summary import slides_of, summary_of
-from cooperative.values import Summary
+from cooperative.summary import Summary, slides_of
+from cooperative.summary import summarise as summary_of
 
 
 def run(
@@ -381,6 +381,6 @@ def summarise(runner: Runner, findings: Findings) -> Summary:
         findings: by `slide`.
     """
     rough, refined = runner.rows("rough"), runner.rows("refined")
-    summary = summary_of(runner.campaign, findings.refined(refined.results).phases, rough, refined)
+    summary = summary_of(runner.campaign, rough, refined, findings.refined(refined.results).phases)
     write_results(Results(runner.store, runner.ground, rough, refined, summary), runner.models)
     return summary

@@ -20,8 +20,7 @@ from cooperative.measure import SEVERITY
 from cooperative.names import DRAWN_SLIDES
 from cooperative.scene import Campaign, Given, campaign_of
 from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
-from cooperative.summary import summarise
-from cooperative.values import Summary
+from cooperative.summary import Summary, summarise
 from jaxmpm.support import files
 
 SUMMARY = "summary.json"
@@ -79,12 +78,12 @@ class Results:
     @property
     def weight(self) -> np.ndarray:
         """What each refined run stands for as a slide (runs,), 0 for those that did not slide to their end."""
-        return np.array([self.summary.slide_weights.get(number, 0.0) for number in self.refined.numbers], float)
+        return np.array([self.summary.consequences.weights.get(number, 0.0) for number in self.refined.numbers], float)
 
     @property
     def slid(self) -> np.ndarray:
         """Refined runs that failed and have consequences: they slid to their end (runs,) bool."""
-        slid = np.array([number in self.summary.slide_weights for number in self.refined.numbers], bool)
+        slid = np.array([number in self.summary.consequences.weights for number in self.refined.numbers], bool)
         return slid & ~self.refined.columns.get("broke_off", np.zeros(slid.size)).astype(bool)
 
 

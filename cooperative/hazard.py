@@ -84,7 +84,7 @@ def maps_of(results: Results) -> Maps | None:
     Args:
         results: of a campaign.
     """
-    hazard, refined, summary = results.ground.hazard, results.refined, results.summary
+    hazard, refined, pf = results.ground.hazard, results.refined, results.summary.probability
     if hazard is None:
         return None
     # A slide that broke off has no columns.
@@ -97,12 +97,15 @@ def maps_of(results: Results) -> Maps | None:
     where, beyond = plan.ground, plan.beyond(results.ground.face)
     fields = {name: np.stack([sample.fields[name] for sample in samples])[:, *where] for name in runs.COLUMNS}
     first = int(np.searchsorted(plan.edges(0)[where[0]], plan.edges(0)[beyond.start]))
-    until = summary.cut_off.t_end
+    cut = results.summary.consequences.cut_off
     weight = results.weight[mine]
-    maps, units = _maps(hazard, summary.estimate, weight, fields, until)
+    maps, units = _maps(hazard, pf.estimate, weight, fields, cut.t_end)
     if all(runs.GROUND in sample.fields for sample in samples):
         ground = np.stack([sample.fields[runs.GROUND] for sample in samples])[:, *where]
-        maps[CARRIED], units[CARRIED] = chance_of(summary.estimate, weight, ground >= summary.failure_displacement), "-"
+        maps[CARRIED], units[CARRIED] = (
+            chance_of(pf.estimate, weight, ground >= pf.failure_displacement),
+            "-",
+        )
     return Maps(
         plan=plan,
         edges=tuple(plan.edges(axis)[part.start : part.stop + 1] for axis, part in enumerate(where)),
@@ -113,9 +116,9 @@ def maps_of(results: Results) -> Maps | None:
         least=hazard.least,
         every=hazard.every,
         missed=hazard.every * float(fields["column_speed"].max()),
-        level=summary.level,
-        moving=summary.cut_off.at_t_end,
-        until=until,
+        level=pf.level,
+        moving=cut.at_t_end,
+        until=cut.t_end,
     )
 
 

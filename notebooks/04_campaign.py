@@ -99,12 +99,12 @@ folder = Path(scratch.name) / "section"
 with contextlib.redirect_stderr(sys.stdout):
     summary = run(scene, folder, progress=True)
 print()
-low, high = summary.interval
-print(f"P_f = {summary.probability_of_failure:.3f}, 95 % interval {low:.3f} to {high:.3f}: {summary.finished}")
-print(f"rough grid: {summary.failures_rough} of {summary.samples} failed, {summary.seconds['rough']:.0f} s")
+cost, pf = summary.cost, summary.probability
+low, high = pf.interval
+print(f"P_f = {pf.value:.3f}, 95 % interval {low:.3f} to {high:.3f}: {cost.finished}")
+print(f"rough grid: {pf.failures_rough} of {cost.samples} failed, {cost.seconds['rough']:.0f} s")
 print(
-    f"refined grid: {summary.failures_refined} of {summary.refined_runs} chosen samples failed, "
-    f"{summary.seconds['refined']:.0f} s"
+    f"refined grid: {pf.failures_refined} of {cost.refined_runs} chosen samples failed, {cost.seconds['refined']:.0f} s"
 )
 print(*summary.notes, sep="\n")
 
@@ -127,7 +127,7 @@ charts.ranked_displacements({"rough": rough.columns["displacement"], "refined": 
 # on both. Its neighbour is the share that the rough grid puts in the same class.
 
 # %%
-grids = summary.grids
+grids = summary.probability.grids
 assert grids is not None
 print(f"rank correlation {grids.spearman:.2f}, same class {grids.same_class:.0%} of {grids.samples} samples")
 charts.grids(
@@ -147,12 +147,12 @@ charts.grids(
 # a good one makes the interval narrow.
 
 # %%
-more = summary.after_more_runs
+more = summary.cost.after_more_runs
 print(
-    f"coefficient of variation {summary.coefficient_of_variation:.2f}; after {more.runs} more refined runs "
+    f"coefficient of variation {summary.probability.coefficient_of_variation:.2f}; after {more.runs} more refined runs "
     f"{more.coefficient_of_variation:.2f} is to be expected"
 )
-charts.convergence(summary.convergence, summary.estimator, level=summary.level)
+charts.convergence(summary.probability.convergence, summary.probability.estimator, level=summary.probability.level)
 
 # %% [markdown]
 # ## In which way
@@ -164,7 +164,7 @@ charts.convergence(summary.convergence, summary.estimator, level=summary.level)
 # %%
 columns = refined.columns
 failed = columns["displacement"] > 1.0
-modes = {mode: part for mode, part in (summary.modes or {}).items() if part.count}
+modes = {mode: part for mode, part in (summary.modes.shares or {}).items() if part.count}
 for mode, part in modes.items():
     mine = failed & (columns["mode"] == mode)
     print(
@@ -204,7 +204,7 @@ plt.show()
 
 # %%
 labels = {"displacement": "displacement [m]", "runout": "run-out beyond the toe [m]", "volume": "volume [m3/m]"}
-fits = summary.fits["all"]
+fits = summary.consequences.fits["all"]
 for name in labels:
     print(name, {fit.name: round(fit.aic, 1) for fit in fits[name].fits[:3]})
 ended = failed & ~columns["broke_off"].astype(bool)
@@ -222,7 +222,7 @@ victim = next((folder / "samples" / "rough").glob("*.h5"))
 victim.write_bytes(victim.read_bytes()[:1000])
 with warnings.catch_warnings(action="ignore"):  # that names the file, with its path
     again = run(scene, folder)
-same = again.probability_of_failure == summary.probability_of_failure
+same = again.probability.value == summary.probability.value
 print("the same answer after the damage:", same)
 print("set aside:", [path.name for path in folder.glob("samples/*/*.damaged")])
 
@@ -238,10 +238,10 @@ print("set aside:", [path.name for path in folder.glob("samples/*/*.damaged")])
 
 # %%
 results = {
-    "probability": summary.probability_of_failure,
-    "interval_holds": bool(low < summary.probability_of_failure < high),
-    "refined_runs": summary.refined_runs,
-    "rough_share": summary.failures_rough / samples,
+    "probability": summary.probability.value,
+    "interval_holds": bool(low < summary.probability.value < high),
+    "refined_runs": summary.cost.refined_runs,
+    "rough_share": summary.probability.failures_rough / samples,
     "rank_correlation": grids.spearman,
     "mode_ratios": float(sum(part.ratio for part in modes.values())),
     "same_after_damage": same,

@@ -432,8 +432,9 @@ def two_threads() -> ThreadPoolExecutor:
 
 with TemporaryDirectory() as folder:
     summary = campaign.run(SCENE, f"{folder}/own", estimator=EveryRank(3), executor=two_threads, workers=2)
-low, high = summary.interval
-print(f"P_f {summary.probability_of_failure:.2f} ({low:.2f} to {high:.2f}), {summary.estimator}: {summary.finished}")
+pf = summary.probability
+low, high = pf.interval
+print(f"P_f {pf.value:.2f} ({low:.2f} to {high:.2f}), {pf.estimator}: {summary.cost.finished}")
 
 # %% [markdown]
 # ## What to remember
@@ -454,7 +455,7 @@ results = {
     "dimensions_differ": dimensions_differ,
     "front_plane": fronts[0],
     "front_round": fronts[1],
-    "own_estimator_runs": summary.refined_runs,
-    "own_estimator_probability": summary.probability_of_failure,
+    "own_estimator_runs": summary.cost.refined_runs,
+    "own_estimator_probability": summary.probability.value,
 }
 print(results)

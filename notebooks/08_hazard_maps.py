@@ -81,9 +81,9 @@ vulnerability = [["0.2 m", 0.0], ["1 m", 0.6], ["2 m", 1.0]]
 """
 with warnings.catch_warnings(action="ignore"):
     summary = cooperative.run(SECTION, folder / "section")
-low, high = summary.interval
-print(f"P_f = {summary.probability_of_failure:.2f}, 95 % interval {low:.2f} to {high:.2f}")
-print(f"{summary.refined_runs} refined runs, of which {summary.slides} slid to their end")
+low, high = summary.probability.interval
+print(f"P_f = {summary.probability.value:.2f}, 95 % interval {low:.2f} to {high:.2f}")
+print(f"{summary.cost.refined_runs} refined runs, of which {summary.consequences.slides} slid to their end")
 
 # %% [markdown]
 # ## How far: the exceedance curve
@@ -93,7 +93,7 @@ print(f"{summary.refined_runs} refined runs, of which {summary.slides} slid to t
 # have been missed.
 
 # %%
-curve = summary.exceedance["runout"]
+curve = summary.consequences.exceedance["runout"]
 fig, ax = plt.subplots(figsize=(7, 3))
 ax.fill_between(curve.thresholds, curve.low, curve.high, step="post", color=BLUE, alpha=0.2, lw=0)
 ax.step(curve.thresholds, curve.probability, where="post", color=BLUE, label="with 95 % interval")
@@ -144,7 +144,7 @@ print(f"expected covered length {mapped:.4f} m by the map, {counted:.4f} m by th
 # curve.
 
 # %%
-risk = summary.risk
+risk = summary.consequences.risk
 assert risk is not None
 road, loss = risk.places["road"], risk.loss
 assert road is not None
@@ -206,8 +206,8 @@ seed = 5
 """)
 with warnings.catch_warnings(action="ignore"):
     hill = cooperative.run(read_scene(folder / "hill.toml"), folder / "hill")
-low, high = hill.interval
-print(f"P_f = {hill.probability_of_failure:.2f}, 95 % interval {low:.2f} to {high:.2f}, {hill.slides} slides")
+low, high = hill.probability.interval
+print(f"P_f = {hill.probability.value:.2f}, 95 % interval {low:.2f} to {high:.2f}, {hill.consequences.slides} slides")
 
 # %% [markdown]
 # The map in plan, with the upper limit of its interval beside it and the ground as contours every metre. With so few
@@ -256,11 +256,11 @@ read_back = float(np.abs([float(line["value"]) for line in lines] - reached.valu
 
 # %%
 results = {
-    "probability": summary.probability_of_failure,
-    "curve_starts_at_probability": curve.probability[0] / summary.probability_of_failure,
+    "probability": summary.probability.value,
+    "curve_starts_at_probability": curve.probability[0] / summary.probability.value,
     "mapped_over_counted": mapped / counted,
     "road_reached": road.reached.probability,
-    "hill_probability": hill.probability_of_failure,
+    "hill_probability": hill.probability.value,
     "hill_reached": float(reached.value.max()),
     "read_back_error": read_back,
 }

@@ -118,11 +118,11 @@ except ValueError as error:
 # - Numbers that vary are fields of the soil. Here that is the strength; `strain_95` could be another.
 
 # %%
-low, high = summary.interval
+low, high = summary.probability.interval
 results = {
-    "probability": summary.probability_of_failure,
-    "interval_holds": int(low <= summary.probability_of_failure <= high),
-    "refined_runs": summary.refined_runs,
+    "probability": summary.probability.value,
+    "interval_holds": int(low <= summary.probability.value <= high),
+    "refined_runs": summary.cost.refined_runs,
     "same_again": int(again == summary),
 }
 print(results)

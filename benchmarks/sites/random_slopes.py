@@ -138,9 +138,8 @@ def closed_form(text: str, factor: float) -> float:
 
 def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
     """The campaign of a case, run or gone on with, beside what the literature or theory has."""
-    result = run_campaign(text, folder / name, workers=workers)
-    low, high = result.interval
-    limit = result.limit_load
+    summary = run_campaign(text, folder / name, workers=workers)
+    (low, high), limit = summary.probability.interval, summary.probability.limit_load
     assert limit is not None
     expected = closed_form(text, limit.factor) if case.printed is None else None
     store = read_store(folder / name)
@@ -149,16 +148,16 @@ def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[st
         "fos": limit.factor,
         "failure_displacement_m": limit.displacement,
         "least_volume": limit.volume,
-        "pf": result.probability_of_failure,
+        "pf": summary.probability.value,
         "low": low,
         "high": high,
         "printed": case.printed and list(case.printed),
         "closed_form": expected,
         "holds_closed_form": None if expected is None else bool(low <= expected <= high),
-        "samples": result.samples,
-        "refined_runs": result.refined_runs,
+        "samples": summary.cost.samples,
+        "refined_runs": summary.cost.refined_runs,
         **shares(store, limit.displacement, case.large),
-        "hours": sum(result.seconds.values()) / 3600,
+        "hours": sum(summary.cost.seconds.values()) / 3600,
         "device": read_sample(store, "rough", 0).device,
         "ended": datetime.fromtimestamp((folder / name / SUMMARY).stat().st_mtime, UTC).date().isoformat(),
     }

@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
-from cooperative.estimate import Exceedance, Fits, ModeShare, Severity
+from cooperative.estimate import Exceedance, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
-from cooperative.values import Convergence
+from cooperative.summary import Convergence, ModeShare
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
 SERIES = (ROUGH, REFINED, FAILED, "#009E73", "#56B4E9", GREY)

@@ -70,15 +70,15 @@ def report(
 
 def _hazards(results: Results, maps: Maps | None, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
     """Figures of how likely a slide does how much."""
-    summary = results.summary
+    summary, pf = results.summary, results.summary.probability
     # A curve of one step, as of slides that are all as deep as the ground, shows no more than P_f.
-    curves = {name: each for name, each in summary.exceedance.items() if len({*each.probability[:-1]}) > 1}
+    curves = {name: each for name, each in summary.consequences.exceedance.items() if len({*each.probability[:-1]}) > 1}
     if curves:
         yield Drawn(
             "exceedance",
             "Probability that a slope fails and its slide exceeds the value on the axis, with the "
-            f"{summary.level:.0%} interval at each point. The curves start at the probability of failure.{cut}",
-            charts.exceedance(curves, labels, level=summary.level),
+            f"{pf.level:.0%} interval at each point. The curves start at the probability of failure.{cut}",
+            charts.exceedance(curves, labels, level=pf.level),
             partial(interactive.stairs, curves, labels, "probability of more [-]"),
         )
     if maps is not None:
@@ -86,18 +86,18 @@ def _hazards(results: Results, maps: Maps | None, labels: Mapping[str, str], cut
         solid = results.ground.dimension == 3
         yield Drawn(
             "hazard",
-            _mapped(maps, summary.level) + cut,
+            _mapped(maps, pf.level) + cut,
             (charts.plan_maps if solid else charts.profile)(maps, toe=toe),
             partial(interactive.plan_maps if solid else interactive.profile, maps, toe=toe),
         )
-    if summary.risk and summary.risk.loss:
-        curve: Exceedance = summary.risk.loss.exceedance
-        if summary.risk.loss.expected:
+    if summary.consequences.risk and summary.consequences.risk.loss:
+        curve: Exceedance = summary.consequences.risk.loss.exceedance
+        if summary.consequences.risk.loss.expected:
             yield Drawn(
                 "losses",
                 "Probability that the elements at risk together lose more than the value on the axis. The area under "
                 f"the curve is the expected loss.{cut}",
-                charts.losses(curve, level=summary.level),
+                charts.losses(curve, level=pf.level),
                 partial(interactive.stairs, {"loss": curve}, LOSS, "probability of losing more [-]"),
             )
 
@@ -117,9 +117,9 @@ def _mapped(maps: Maps, level: float) -> str:
 
 def _numbers(results: Results, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
     """Figures of the other numbers, those that there are data for."""
-    summary = results.summary
+    summary, pf = results.summary, results.summary.probability
     modes, displacements = sentences.occurring(summary), _displacements(results)
-    columns, limit = results.refined.columns, summary.failure_displacement
+    columns, limit = results.refined.columns, pf.failure_displacement
     decided = "DECIDED" in columns.get("status", ())
     stopped = " Runs that ended once they had failed are drawn with the displacement they had then." if decided else ""
     yield Drawn(
@@ -129,11 +129,11 @@ def _numbers(results: Results, labels: Mapping[str, str], cut: str) -> Iterator[
         charts.ranked_displacements(displacements, failure_displacement=limit),
         partial(interactive.ranked, displacements, limit),
     )
-    if len(summary.convergence.refined_runs) > 1:
+    if len(pf.convergence.refined_runs) > 1:
         yield Drawn(
             "convergence",
             "Probability of failure and its interval as refined runs came in.",
-            charts.convergence(summary.convergence, summary.estimator, level=summary.level),
+            charts.convergence(pf.convergence, pf.estimator, level=pf.level),
         )
     ended = np.isfinite(displacements["rough"]) & np.isfinite(displacements["refined"])
     if ended.any():
@@ -145,11 +145,11 @@ def _numbers(results: Results, labels: Mapping[str, str], cut: str) -> Iterator[
         )
     if len(modes) > 1:
         yield Drawn("modes", "Failure modes by their weighted share.", charts.mode_shares(modes))
-    if summary.severity and len(modes) > 1:
+    if summary.modes.severity and len(modes) > 1:
         yield Drawn(
             "severity",
             "Median of each consequence by failure mode, with its 90 % bootstrap interval.",
-            charts.severity(summary.severity, labels),
+            charts.severity(summary.modes.severity, labels),
         )
     for group, fits in sentences.distinct(results).items():
         mine = results.slid & (results.weight > 0)

@@ -14,7 +14,7 @@ from cooperative.reporting._map_files import LIMITS, key, maps_path, middle, req
 from cooperative.reporting._tables import tables_of
 from cooperative.runs import StoredGround
 from cooperative.store import Store, read_sample
-from cooperative.values import Summary
+from cooperative.summary import Summary
 from jaxmpm.support.files import aside
 
 if TYPE_CHECKING:
@@ -47,16 +47,16 @@ def write_netcdf(results: Results, maps: Maps | None) -> Path:
     store, summary = results.store, results.summary
     data = _of_samples(store, tables_of({"rough": results.rough, "refined": results.refined}, summary))
     data = data.assign(_of_curves(summary) | ({} if maps is None else _of_maps(maps)))
-    low, high = summary.interval
+    low, high = summary.probability.interval
     data.attrs = {
         "title": summary.name,
-        "probability_of_failure": summary.probability_of_failure,
+        "probability_of_failure": summary.probability.value,
         "interval_low": low,
         "interval_high": high,
-        "level": summary.level,
-        "estimator": summary.estimator,
-        "slides": summary.cut_off.of,
-        "slides_not_at_rest": summary.cut_off.at_t_end,
+        "level": summary.probability.level,
+        "estimator": summary.probability.estimator,
+        "slides": summary.consequences.cut_off.of,
+        "slides_not_at_rest": summary.consequences.cut_off.at_t_end,
         "scene": store.source.words,
     }
     numbers = [name for name, values in data.variables.items() if values.dtype.kind in "fiu"]
@@ -132,7 +132,7 @@ def _of_samples(store: Store, tables: Mapping[str, Mapping[str, np.ndarray]]) ->
 
 def _of_curves(summary: Summary) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
-    for name, curve in summary.exceedance.items():
+    for name, curve in summary.consequences.exceedance.items():
         axis = f"{name}_threshold"
         variables[axis] = (axis, np.array(curve.thresholds), {"long_name": f"{name} that is exceeded"})
         for limit, values in (("", curve.probability), ("_low", curve.low), ("_high", curve.high)):

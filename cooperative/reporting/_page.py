@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
-from cooperative.estimate import ENOUGH, FITTED, NOT_ASKED, Risk, after_more_runs
+from cooperative.estimate import ENOUGH, FITTED, NOT_ASKED, after_more_runs
 from cooperative.folder import Results
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _sentences as sentences
 from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._sentences import Cell, number
 from cooperative.store import GRIDS, read_sample
-from cooperative.values import OtherEstimate, Summary
+from cooperative.summary import OtherEstimate, Risk, Summary
 from jaxmpm.support.text import duration, short
 
 STYLE, PAGE = (Path(__file__).with_name(f"_page.{kind}").read_text(encoding="utf-8") for kind in ("css", "html"))
@@ -52,9 +52,9 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
         yield heading("How far, how much, how deep")
         yield paragraph(missing)
         yield shown("exceedance", "hazard")
-    if summary.risk:
+    if summary.consequences.risk:
         yield heading("Elements at risk")
-        yield from risks(summary, summary.risk)
+        yield from risks(summary, summary.consequences.risk)
         yield shown("losses")
     yield heading("What the slides look like" if results.slid.any() else "What the slope looks like")
     yield from look(results)
@@ -68,10 +68,10 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
     yield heading("How it was run")
     yield run_table(results)
     yield shown("field")
-    if missing or any(summary.fits.values()):
+    if missing or any(summary.consequences.fits.values()):
         yield heading("Distributions of what the slides do")
         yield paragraph(missing)
-    if not missing and any(summary.fits.values()):
+    if not missing and any(summary.consequences.fits.values()):
         yield shown("severity")
         yield from best_fits(results)
         yield shown("fits")
@@ -85,17 +85,18 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
 def answer(results: Results) -> Iterator[str]:
     """The answer in a sentence, what it rests on, and what limits it."""
     summary = results.summary
-    yield headline(*sentences.verdict(summary.estimate))
+    cost, pf = summary.cost, summary.probability
+    yield headline(*sentences.verdict(pf.estimate))
     yield paragraph(
-        f"{sentences.criterion(results)} {sentences.screened(summary)}, {summary.refined_runs} of these on the "
-        f"refined one, where {summary.failures_refined} failed. {reach(results)}".strip()
+        f"{sentences.criterion(results)} {sentences.screened(summary)}, {cost.refined_runs} of these on the "
+        f"refined one, where {pf.failures_refined} failed. {reach(results)}".strip()
     )
     for line in (sentences.condition(summary), *sentences.at_risk(summary)):
         yield paragraph(line)
-    if not summary.finished:
+    if not cost.finished:
         yield paragraph(
-            f"The campaign has not ended. The results so far are from {summary.samples} of "
-            f"{summary.planned_samples} samples on the rough grid and {summary.refined_runs} refined runs.",
+            f"The campaign has not ended. The results so far are from {cost.samples} of "
+            f"{cost.planned_samples} samples on the rough grid and {cost.refined_runs} refined runs.",
             "note",
         )
     for note in [*summary.warnings, *summary.notes, *(f"broke off: {line}" for line in sentences.broken(summary))]:
@@ -105,7 +106,7 @@ def answer(results: Results) -> Iterator[str]:
 def look(results: Results) -> Iterator[str]:
     """What the slides do on average, and which modes they have."""
     summary = results.summary
-    interval = f"{summary.level:.0%} interval"
+    interval = f"{summary.probability.level:.0%} interval"
     missing, modes = without_slides(summary), sentences.occurring(summary)
     heads = ["of the slides", "unit", "mean", interval, "smallest", "largest"]
     yield paragraph(missing) if missing else table(heads, sentences.consequences(results))
@@ -123,20 +124,21 @@ def look(results: Results) -> Iterator[str]:
 
 def further_runs(results: Results) -> Iterator[str]:
     """What further refined runs would bring, and how long they would take."""
-    summary, estimate = results.summary, results.summary.estimate
-    left = summary.after_more_runs.samples_left
+    summary = results.summary
+    cost, pf = summary.cost, summary.probability
+    left = cost.after_more_runs.samples_left
     if left == 0:
-        which = "sample" if summary.coarse_samples is None else "rough sample"
+        which = "sample" if cost.coarse_samples is None else "rough sample"
         yield paragraph(f"Every {which} has run on the refined grid: only more {which}s would narrow the interval.")
         return
-    if left is None or summary.after_more_runs.coefficient_of_variation is None:
+    if left is None or cost.after_more_runs.coefficient_of_variation is None:
         yield paragraph(sentences.more(summary) or "The runs so far do not show what more of them would bring.")
         return
     # Runs of a wave that is not complete do not count yet.
-    waiting, samples = summary.refined_runs - summary.estimate_runs, summary.refined_runs + left
-    each = summary.seconds["refined"] / max(summary.refined_runs, 1)
+    waiting, samples = cost.refined_runs - pf.runs, cost.refined_runs + left
+    each = cost.seconds["refined"] / max(cost.refined_runs, 1)
     counts = [*(count for count in MORE_RUNS if count < left), left]
-    covs = [after_more_runs(estimate, waiting + count, samples=samples) for count in counts]
+    covs = [after_more_runs(pf.estimate, waiting + count, samples=samples) for count in counts]
     yield table(
         ["more refined runs", "coefficient of variation", "time on one machine, about"],
         [[count, float(cov), duration(count * each)] for count, cov in zip(counts, covs, strict=True)],
@@ -149,14 +151,15 @@ def further_runs(results: Results) -> Iterator[str]:
 
 def estimates(summary: Summary) -> str:
     """Table of P_f by every estimator, with its interval."""
-    own = OtherEstimate(summary.probability_of_failure, summary.interval)
+    pf = summary.probability
+    own = OtherEstimate(pf.value, pf.interval)
     return table(
-        ["estimator", "probability", f"{summary.level:.0%} interval", "coefficient of variation"],
+        ["estimator", "probability", f"{pf.level:.0%} interval", "coefficient of variation"],
         [
             [name, each.probability, " to ".join(map(number, each.interval)), cov]
             for name, each, cov in (
-                (summary.estimator, own, summary.coefficient_of_variation),
-                *((name, other, None) for name, other in summary.other_estimates.items()),
+                (pf.estimator, own, pf.coefficient_of_variation),
+                *((name, other, None) for name, other in pf.others.items()),
             )
         ],
     )
@@ -164,13 +167,13 @@ def estimates(summary: Summary) -> str:
 
 def risks(summary: Summary, risk: Risk) -> Iterator[str]:
     """How likely slides reach each element at risk, and what is lost."""
-    cut, elements = summary.cut_off, summary.elements_at_risk
+    cut, elements = summary.consequences.cut_off, summary.consequences.elements_at_risk
     known = {name: element for name, element in elements.items() if element is not None}
     if len(known) < len(elements):
         why = without_slides(summary) or "No slide that has come to its end counts in the estimate so far."
         yield paragraph(f"How likely a slide reaches {', '.join(elements)} is not known. {why}", "note")
         return
-    level = f"{summary.level:.0%} interval" + (f" of what {cut.t_end:g} s show" if cut.at_t_end else "")
+    level = f"{summary.probability.level:.0%} interval" + (f" of what {cut.t_end:g} s show" if cut.at_t_end else "")
     heads = ["element", "probability of being reached", level, "arrival, s", "thickness, m", "speed, m/s"]
     heads += ["probability that its ground is carried away", "displacement of its ground, m"]
     yield table(
@@ -180,7 +183,7 @@ def risks(summary: Summary, risk: Risk) -> Iterator[str]:
     yield paragraph(
         "Reached is an element when soil lies or moves above the surface that was there before. Arrival, thickness and "
         "speed are of that soil, means of the largest values over the slides that arrive, and losses follow from it. "
-        f"Carried away is an element whose own ground moves by {summary.failure_displacement:g} m or more."
+        f"Carried away is an element whose own ground moves by {summary.probability.failure_displacement:g} m or more."
     )
     whole = risk.loss
     if not whole:
@@ -200,7 +203,7 @@ def best_fits(results: Results) -> Iterator[str]:
     fits = sentences.distinct(results)
     if few := {
         group: fit.samples
-        for group, each in results.summary.fits.items()
+        for group, each in results.summary.consequences.fits.items()
         for fit in each.values()
         if fit.samples < FITTED
     }:
@@ -225,11 +228,12 @@ def best_fits(results: Results) -> Iterator[str]:
 
 def run_table(results: Results) -> str:
     """Table of what ran on each grid, with its settings and versions."""
+    cost, pf = results.summary.cost, results.summary.probability
     rows: list[list[Cell]] = []
     made: dict[str, str] = {}
     for grid, of in zip(GRIDS, (results.rough, results.refined), strict=True):
-        statuses = ", ".join(_ended(results.summary, *each) for each in results.summary.status[grid].items())
-        rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(results.summary.seconds[grid])} of runs"])
+        statuses = ", ".join(_ended(results.summary, *each) for each in cost.status[grid].items())
+        rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(cost.seconds[grid])} of runs"])
         rows.append([f"{grid} grid", results.ground.grids[grid].numerics])
         if of.numbers:
             last = read_sample(results.store, grid, of.numbers[-1])
@@ -239,8 +243,8 @@ def run_table(results: Results) -> str:
         [f"last sample, {' and '.join(g for g in made if made[g] == how)} grid", how] for how in set(made.values())
     ]
     rows += [["left out", why] for why in results.left_out]
-    if results.summary.calibration:
-        rows.append(["calibration", f"rough strength times {results.summary.calibration.factor:.3f}"])
+    if pf.calibration:
+        rows.append(["calibration", f"rough strength times {pf.calibration.factor:.3f}"])
     return table([], rows)
 
 
@@ -248,28 +252,29 @@ def _ended(summary: Summary, status: str, count: int) -> str:
     """How many runs ended in which way."""
     if status != "FINISHED":
         return f"{count} {status}"
-    return f"{count} FINISHED (at its end time{', not settled' if summary.settle else ''})"
+    return f"{count} FINISHED (at its end time{', not settled' if summary.cost.settle else ''})"
 
 
 def without_slides(summary: Summary) -> str:
     """Why nothing is known of what slides do; empty where some have come to their end."""
-    if summary.consequences_of_failures.get("depth"):
+    if summary.consequences.means.get("depth"):
         return ""
-    if not summary.failures_refined:
+    if not summary.probability.failures_refined:
         return "No refined run has failed, so there is no slide."
-    if not summary.slides_drawn:
+    if not summary.consequences.planned:
         return f"No consequence was asked for: {NOT_ASKED}, and refined runs end once they have failed."
     return "No slide has come to its end yet."
 
 
 def finished(summary: Summary) -> str:
     """Whether the campaign has ended, and why."""
-    return f"The campaign has ended: {summary.finished}." if summary.finished else "The campaign has not ended yet."
+    why = summary.cost.finished
+    return f"The campaign has ended: {why}." if why else "The campaign has not ended yet."
 
 
 def reach(results: Results) -> str:
     """Run-out of one slope in ten, a hundred or a thousand, the rarest that the runs show; else empty."""
-    curve, estimate = results.summary.exceedance.get("runout"), results.summary.estimate
+    curve, estimate = results.summary.consequences.exceedance.get("runout"), results.summary.probability.estimate
     many = next((many for many in (10, 100, 1000) if estimate.probability > 1.2 / many), None)
     if not curve or many is None:
         return ""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from cooperative.estimate import Element, Estimate, Fits, ModeShare, Spread
+from cooperative.estimate import Estimate, Fits
 from cooperative.folder import Results
-from cooperative.values import Summary
+from cooperative.summary import Element, ModeShare, Spread, Summary
 from jaxmpm.support.text import printable
 
 Cell = str | float | int | None
@@ -21,30 +21,28 @@ PLAIN = str.maketrans("²³", "23")
 def words(results: Results) -> str:
     """The summary for the terminal, in letters of ASCII but for names."""
     summary = results.summary
+    cost, pf = summary.cost, summary.probability
     lines = [
         summary.name,
-        f"  probability of failure  {probability(summary.estimate)}",
+        f"  probability of failure  {probability(pf.estimate)}",
         *(f"  {line}" for line in (criterion(results).translate(PLAIN), unseen(summary), condition(summary)) if line),
         *(f"  at risk        {line}" for line in at_risk(summary)),
     ]
-    for method, other in summary.other_estimates.items():
+    for method, other in pf.others.items():
         ends = " to ".join(map(number, other.interval))
         lines.append(f"  by {method:<20} {number(other.probability)}  ({ends})")
-    if summary.coarse_samples is not None:
-        lines.append(
-            f"  coarse grid    {summary.coarse_samples} samples; each of those below stands for a zone of ranks"
-        )
+    if cost.coarse_samples is not None:
+        lines.append(f"  coarse grid    {cost.coarse_samples} samples; each of those below stands for a zone of ranks")
     lines += [
-        f"  rough grid     {summary.samples} samples, {summary.failures_rough} beyond the failure displacement, "
-        f"{summary.seconds['rough']:.0f} s",
-        f"  refined grid   {summary.refined_runs} runs, {summary.failures_refined} failures, "
-        f"{summary.seconds['refined']:.0f} s",
+        f"  rough grid     {cost.samples} samples, {pf.failures_rough} beyond the failure displacement, "
+        f"{cost.seconds['rough']:.0f} s",
+        f"  refined grid   {cost.refined_runs} runs, {pf.failures_refined} failures, {cost.seconds['refined']:.0f} s",
         *(f"  {line}" for line in (more(summary), agreement(summary)) if line),
     ]
     for mode, share in occurring(summary).items():
         low, high = share.interval
         lines.append(f"  {mode:<13}  {share.ratio:.0%} of the failures ({low:.0%} to {high:.0%})")
-    for name, spread in summary.consequences_of_failures.items():
+    for name, spread in summary.consequences.means.items():
         if spread and name in labels(results):
             mean, largest = (at_least(value, spread.at_least) for value in (spread.mean, spread.largest))
             ends = f"{number(spread.smallest)} to {largest}"
@@ -61,10 +59,10 @@ def words(results: Results) -> str:
 
 def criterion(results: Results) -> str:
     """What counts as a failure."""
-    summary, unit = results.summary, "m³" if results.ground.dimension == 3 else "m² of the section"
-    volume = summary.least_volume
+    pf, unit = results.summary.probability, "m³" if results.ground.dimension == 3 else "m² of the section"
+    volume = pf.least_volume
     soil = "any particle of soil" if volume is None else f"at least {number(volume)} {unit} of soil"
-    return f"It fails when {soil} moves farther than {number(summary.failure_displacement)} m, on either grid."
+    return f"It fails when {soil} moves farther than {number(pf.failure_displacement)} m, on either grid."
 
 
 def unknown(interval: Sequence[float]) -> bool:
@@ -110,28 +108,30 @@ def in_slopes(chance: float) -> str:
 
 def screened(summary: Summary) -> str:
     """How many samples ran on the rough grid, and on the coarse one before it."""
-    if summary.coarse_samples is None:
-        return f"{summary.samples} random slopes ran on the rough grid"
+    cost = summary.cost
+    if cost.coarse_samples is None:
+        return f"{cost.samples} random slopes ran on the rough grid"
     return (
-        f"{summary.coarse_samples} random slopes ran on the coarse grid, {summary.samples} of them, each drawn from a "
+        f"{cost.coarse_samples} random slopes ran on the coarse grid, {cost.samples} of them, each drawn from a "
         "zone of its ranks, on the rough grid"
     )
 
 
 def condition(summary: Summary) -> str:
     """What the probabilities are conditional on, and the annual probability where the trigger has a frequency."""
-    often = summary.annual_frequency
+    pf = summary.probability
+    often = pf.annual_frequency
     if often is None:
         return (
             "All probabilities are conditional on the scene: nothing says how often its trigger comes. With [campaign] "
             "annual_frequency they are annual, too."
         )
-    low, high = (annual(chance, often) for chance in summary.interval)
-    if unknown(summary.interval):
+    low, high = (annual(chance, often) for chance in pf.interval)
+    if unknown(pf.interval):
         return f"The scene's trigger comes {often:g} times a year."
     return (
         f"The scene's trigger comes {often:g} times a year: the slope fails with an annual probability of "
-        f"{number(annual(summary.probability_of_failure, often))} ({limits((low, high))})."
+        f"{number(annual(pf.value, often))} ({limits((low, high))})."
     )
 
 
@@ -147,8 +147,8 @@ def annual(chance: float, often: float) -> float:
 
 def at_risk(summary: Summary) -> Iterator[str]:
     """Each element at risk: how likely it is reached and carried away, and what is lost."""
-    often = summary.annual_frequency
-    for name, element in summary.elements_at_risk.items():
+    often = summary.probability.annual_frequency
+    for name, element in summary.consequences.elements_at_risk.items():
         if element is None:
             yield f"{name}: how likely it is reached is not known yet"
             continue
@@ -198,7 +198,7 @@ def interval(spread: Spread) -> str:
 
 def cut_off(summary: Summary) -> str:
     """Ends the caption of a figure of what slides do; empty where all came to rest."""
-    cut = summary.cut_off
+    cut = summary.consequences.cut_off
     if not cut.at_t_end:
         return ""
     return f" These are least values: {cut.at_t_end} of {cut.of} slides had not come to rest at {cut.t_end:g} s."
@@ -206,29 +206,31 @@ def cut_off(summary: Summary) -> str:
 
 def unseen(summary: Summary) -> str:
     """How much of the interval allows for samples that were not refined; empty where no part of it does."""
-    if summary.sampling_interval is None or not summary.unseen:
+    pf = summary.probability
+    if pf.sampling_interval is None or not pf.unseen:
         return ""
-    low, high = summary.sampling_interval
-    if not summary.probability_of_failure:
+    low, high = pf.sampling_interval
+    if not pf.value:
         return (
             f"If samples that were not refined stand as their ranks suggest, P_f is at most {number(high)}. The limit "
-            f"of {number(summary.interval[1])} holds wherever in the ranking failures hide, and falls with every run."
+            f"of {number(pf.interval[1])} holds wherever in the ranking failures hide, and falls with every run."
         )
-    cov = summary.coefficient_of_variation
+    cov = pf.coefficient_of_variation
     spread = "" if cov is None else f" (coefficient of variation {cov:.1%})"
     return (
         f"Sampling error alone gives {number(low)} to {number(high)}{spread}. The wider interval allows for failures "
-        f"in up to {summary.unseen:.2g} of all samples, among low-ranked ones that were not refined."
+        f"in up to {pf.unseen:.2g} of all samples, among low-ranked ones that were not refined."
     )
 
 
 def more(summary: Summary) -> str:
     """What further refined runs would bring; empty where the runs do not show it."""
-    after, now = summary.after_more_runs, summary.coefficient_of_variation
+    cost, pf = summary.cost, summary.probability
+    after, now = cost.after_more_runs, pf.coefficient_of_variation
     runs, left, then = after.runs, after.samples_left, after.coefficient_of_variation
-    if not summary.probability_of_failure and summary.unseen and summary.estimate_runs and left and runs:
+    if not pf.value and pf.unseen and pf.runs and left and runs:
         # The limit of n runs without a failure is in proportion to 1 / n.
-        least = summary.interval[1] * summary.estimate_runs / (summary.refined_runs + runs)
+        least = pf.interval[1] * pf.runs / (cost.refined_runs + runs)
         return f"{another(runs)} without a failure would lower the upper limit to about {least:.2g}."
     if now is None or then is None or (left and not runs):
         return ""
@@ -236,7 +238,7 @@ def more(summary: Summary) -> str:
     uncertain = now >= 5e-4
     if not left:
         what = f"bring the coefficient of variation below {now:.1%}" if uncertain else "narrow the interval"
-        which = "samples" if summary.coarse_samples is None else "rough samples"
+        which = "samples" if cost.coarse_samples is None else "rough samples"
         return f"All {which} are refined: only more {which} would {what}."
     if not uncertain:
         return ""
@@ -253,7 +255,7 @@ def another(runs: int) -> str:
 
 def agreement(summary: Summary) -> str:
     """How well the grids agree."""
-    grids = summary.grids
+    grids = summary.probability.grids
     if not grids:
         return ""
     low, high = grids.interval
@@ -261,7 +263,7 @@ def agreement(summary: Summary) -> str:
     return (
         f"The rank correlation of the two grids is {grids.spearman:.2f} ({low:.2f} to {high:.2f}). They give the same "
         f"class in {grids.same_class:.1%} of {grids.samples} samples."
-        + (decided if summary.status["refined"].get("DECIDED") else "")
+        + (decided if summary.cost.status["refined"].get("DECIDED") else "")
     )
 
 
@@ -269,14 +271,14 @@ def broken(summary: Summary) -> list[str]:
     """The runs that broke off."""
     return [
         f"sample {number} on the {grid} grid: {why}"
-        for grid, runs in summary.broke_off.items()
+        for grid, runs in summary.cost.broke_off.items()
         for number, why in runs.items()
     ]
 
 
 def distinct(results: Results) -> dict[str, dict[str, Fits]]:
     """Fits of all failures and of each mode, but not of a mode that all failures have, or of what all slides share."""
-    fits = results.summary.fits
+    fits = results.summary.consequences.fits
     modes = [fit for group, fit in fits.items() if group != "all"]
     return {
         group: {name: fit for name, fit in each.items() if name in labels(results) and fit.fits}
@@ -286,7 +288,7 @@ def distinct(results: Results) -> dict[str, dict[str, Fits]]:
 
 def occurring(summary: Summary) -> dict[str, ModeShare]:
     """Modes that some refined run failed in."""
-    return {mode: share for mode, share in (summary.modes or {}).items() if share.count}
+    return {mode: share for mode, share in (summary.modes.shares or {}).items() if share.count}
 
 
 def labels(results: Results) -> dict[str, str]:
@@ -330,7 +332,7 @@ def consequences(results: Results) -> list[list[Cell]]:
             spread.smallest,
             _or_least(spread.largest, spread.at_least),
         ]
-        for name, spread in results.summary.consequences_of_failures.items()
+        for name, spread in results.summary.consequences.means.items()
         if spread and name in labels(results)
     ]
 

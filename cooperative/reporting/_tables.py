@@ -12,7 +12,7 @@ from cooperative.folder import known_summary, stored_ground
 from cooperative.runs import StoredGround, rows_reader, samples_of
 from cooperative.scene import campaign_of
 from cooperative.store import GRIDS, Rows, Store
-from cooperative.values import Summary
+from cooperative.summary import Summary
 from jaxmpm.support import files
 from jaxmpm.support.text import csv_text
 
@@ -71,7 +71,7 @@ def tables_of(rows: Mapping[str, Rows], summary: Summary | None) -> dict[str, di
     """Columns of each grid's rows by name, with what the refined runs stand for by this summary; see `write_table`."""
     tables = {grid: dict(rows[grid].columns) for grid in GRIDS}
     if summary is not None:
-        known = [summary.stands_for.get(number) for number in rows["refined"].numbers]
+        known = [summary.probability.stands_for.get(number) for number in rows["refined"].numbers]
         for name in ("failed", "weight", "slide_weight"):
             values = [None if each is None else getattr(each, name) for each in known]
             tables["refined"][name] = np.array([np.nan if each is None else each for each in values], float)

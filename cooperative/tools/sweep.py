@@ -61,10 +61,9 @@ from cooperative.scene import (
     write_measured,
 )
 from cooperative.store import CAMPAIGN, GRIDS, Rows, Source, own_folder, read_store, stored_source, write_aside
-from cooperative.summary import summarise
+from cooperative.summary import Summary, summarise
 from cooperative.tools import sweep_report as figures
 from cooperative.tools.sweep_report import LABELS, RECORDS, Point
-from cooperative.values import Summary
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support.text import printable
 
@@ -158,7 +157,7 @@ def _take_runs_of_base(folder: Path, base: Summary) -> None:
     """Have a campaign refine as many samples as the base did, where a target decides of them."""
     measured = stored_measured(folder)
     if measured.shared is not None and measured.shared.runs is None:
-        write_measured(folder, replace(measured, shared=replace(measured.shared, runs=base.estimate_runs)))
+        write_measured(folder, replace(measured, shared=replace(measured.shared, runs=base.probability.runs)))
 
 
 def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) -> Content:
@@ -179,7 +178,8 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
         if part.name != RANKED:
             counted[part.name], of_runs = _counted(where)
             unit = max(unit, of_runs)
-            variance[part.name] = ((summary.coefficient_of_variation or 0.0) * summary.probability_of_failure) ** 2
+            pf = summary.probability
+            variance[part.name] = ((pf.coefficient_of_variation or 0.0) * pf.value) ** 2
         if part.name == BASE:
             base = _compared(Point(BASE, BASE, summary), where, counted, variance, unit)
         for parameter, value in part.points:

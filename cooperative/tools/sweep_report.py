@@ -11,7 +11,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.estimate import Curve, Difference, Element
+from cooperative.estimate import Curve, Difference
 from cooperative.measure import SEVERITY
 from cooperative.reporting import (
     Cell,
@@ -25,7 +25,7 @@ from cooperative.reporting import (
     paragraph,
     tiled,
 )
-from cooperative.values import Summary
+from cooperative.summary import Element, Summary
 from jaxmpm.support.text import csv_text, literal
 
 LABELS = {
@@ -51,8 +51,11 @@ BASE = "base"
 """Campaign of the scene as it is."""
 RECORDS = "records"
 """Name of the curve of all records together."""
-OF_SUMMARY = ("interval", "level", "estimator", "refined_runs", "samples", "failures_refined", "modes", "finished")
-"""Fields of a campaign's summary that `sweep.json` has of each point, beside P_f."""
+OF_PROBABILITY, OF_COST = (
+    ("interval", "level", "estimator", "failures_refined"),
+    ("refined_runs", "samples", "finished"),
+)
+"""Fields of the parts of a campaign's summary that `sweep.json` has of each point, beside P_f and the modes."""
 P_F, SHARES = "probability of failure $P_f$ [-]", (-0.02, 1.02)
 
 
@@ -83,14 +86,16 @@ class Point:
         return {
             "value": self.value,
             "campaign": self.campaign,
-            "probability": self.summary.probability_of_failure,
-            **{name: fields[name] for name in OF_SUMMARY},
+            "probability": self.summary.probability.value,
+            **{name: fields["probability"][name] for name in OF_PROBABILITY},
+            **{name: fields["cost"][name] for name in OF_COST},
+            "modes": fields["modes"]["shares"],
             "difference": None if change is None else {**asdict(change), "resolved": change.resolved},
             "displacement": None if displaced is None else dict(zip(("median", "ninety"), displaced, strict=True)),
             "peak": self.peak,
             "elements_at_risk": {
                 name: None if element is None else {**asdict(element.reached), "loss": _loss(element)}
-                for name, element in self.summary.elements_at_risk.items()
+                for name, element in self.summary.consequences.elements_at_risk.items()
             },
         }
 
@@ -144,15 +149,15 @@ def table(base: Point, parameters: Parameters) -> str:
         base: the scene as it is.
         parameters: points of `sweep.json` by parameter.
     """
-    elements = list(base.summary.elements_at_risk)
+    elements = list(base.summary.consequences.elements_at_risk)
     rows: list[Sequence[object]] = [[*COLUMNS, *(f"reached_{name}" for name in elements)]]
     for name, points in {BASE: [base], **parameters}.items():
         for point in points:
             change, summary = point.difference, point.summary
             compared = ("", "", "", "") if change is None else (change.difference, *change.interval, change.resolved)
-            answer = summary.probability_of_failure, *summary.interval
-            counts = summary.samples, summary.refined_runs, point.campaign
-            places = [summary.elements_at_risk.get(each) for each in elements]
+            answer = summary.probability.value, *summary.probability.interval
+            counts = summary.cost.samples, summary.cost.refined_runs, point.campaign
+            places = [summary.consequences.elements_at_risk.get(each) for each in elements]
             reached = ["" if each is None else each.reached.probability for each in places]
             displaced = point.displacement or ("", "")
             rows.append([name, point.value, point.peak, *answer, *compared, *displaced, *counts, *reached])
@@ -179,7 +184,7 @@ def in_words(base: Point, parameters: Parameters, fragility: Fragility) -> str:
 def _point(point: Point) -> str:
     """P_f at a value, and its difference to the base."""
     summary, change = point.summary, point.difference
-    line = f"  {_value(point):<12} P_f {summary.probability_of_failure:.3g} {_limits(summary.interval)}"
+    line = f"  {_value(point):<12} P_f {summary.probability.value:.3g} {_limits(summary.probability.interval)}"
     if change is not None:
         line += f", {change.difference:+.3g} {_limits(change.interval)} to the base{_unresolved(change)}"
     return line
@@ -246,12 +251,12 @@ def page(base: Point, parameters: Parameters, figures: Sequence[Drawn], scene: s
 
 def _parts(base: Point, parameters: Parameters, figures: Sequence[Drawn], scene: str) -> Iterator[str]:
     summary = base.summary
-    level = f"{summary.level:.0%} interval"
+    level = f"{summary.probability.level:.0%} interval"
     yield heading(summary.name, 1)
     yield headline(
         "As the scene is, the slope fails with probability",
-        f"{summary.probability_of_failure:.3g}",
-        f"({level} {limits(summary.interval)}).",
+        f"{summary.probability.value:.3g}",
+        f"({level} {limits(summary.probability.interval)}).",
     )
     yield paragraph(
         "Each row below changes one value of the scene. All campaigns have the same random samples and refine the same "
@@ -262,7 +267,7 @@ def _parts(base: Point, parameters: Parameters, figures: Sequence[Drawn], scene:
         ["parameter", "value", "probability of failure", level, "difference to the base", level, "sign"],
         [_cells(name, point) for name, point in _rows(base, parameters)],
     )
-    if summary.elements_at_risk:
+    if summary.consequences.elements_at_risk:
         yield heading("Elements at risk")
         yield html_table(
             ["parameter", "value", "element", "probability of being reached", level, "expected loss"],
@@ -270,7 +275,7 @@ def _parts(base: Point, parameters: Parameters, figures: Sequence[Drawn], scene:
                 [name, _value(point), place, element.reached.probability, limits(element.reached.interval),
                  _loss(element)]
                 for name, point in _rows(base, parameters)
-                for place, element in point.summary.elements_at_risk.items() if element is not None
+                for place, element in point.summary.consequences.elements_at_risk.items() if element is not None
             ],
         )  # fmt: skip
     yield interactive_figures(figures)
@@ -286,7 +291,7 @@ def _rows(base: Point, parameters: Parameters) -> Iterator[tuple[str, Point]]:
 
 def _cells(name: str, point: Point) -> list[Cell]:
     summary, change = point.summary, point.difference
-    answer: list[Cell] = [name, _value(point), summary.probability_of_failure, limits(summary.interval)]
+    answer: list[Cell] = [name, _value(point), summary.probability.value, limits(summary.probability.interval)]
     if change is None:
         return [*answer, None, None, None]
     sign = ("higher" if change.difference > 0 else "lower") if change.resolved else "not resolved"
@@ -303,7 +308,7 @@ def probabilities(parameters: Parameters, base: Point | None = None) -> Figure:
     figure, panels = _by_parameter(parameters, P_F)
     for ax, rows in panels:
         if base is not None:
-            ax.axhline(base.summary.probability_of_failure, color="0.4", lw=1.0, ls="--")
+            ax.axhline(base.summary.probability.value, color="0.4", lw=1.0, ls="--")
         _chances(ax, [row.value for row in rows], rows, COLOURS[0])
         ax.set_ylim(bottom=0)
     return figure
@@ -369,7 +374,7 @@ def mode_ratios(parameters: Parameters) -> Figure:
     figure, panels = _by_parameter(parameters, "share of the failures [-]")
     handles: dict[str, Artist] = {}
     for ax, rows in panels:
-        known = [(row.value, modes) for row in rows if (modes := row.summary.modes)]
+        known = [(row.value, modes) for row in rows if (modes := row.summary.modes.shares)]
         for number, (mode, (colour, marker)) in enumerate(STYLES.items()):
             parts = [modes[mode] for _, modes in known]
             if any(part.count for part in parts):
@@ -427,7 +432,7 @@ def _chances(
     ax: Axes, values: Sequence[float | str], rows: Sequence[Point], colour: str, *, label: str = "", line: str = "-"
 ) -> None:
     """P_f with its interval of points at these values."""
-    middle, limits = [row.summary.probability_of_failure for row in rows], [row.summary.interval for row in rows]
+    middle, limits = [row.summary.probability.value for row in rows], [row.summary.probability.interval for row in rows]
     _errorbar(ax, values, middle, limits, colour, label=label, line=line)
 
 

@@ -19,7 +19,6 @@ import cooperative.store
 import cooperative.summary
 import cooperative.tools.research.back_analysis
 import cooperative.tools.research.rare
-import cooperative.values
 import jaxmpm
 import jaxmpm.support.check
 import jaxmpm.support.files
@@ -53,7 +52,7 @@ def test_public_names_are_documented():
 BY_MODULE = (
     *(jaxmpm.diagnostics, jaxmpm.objectives, jaxmpm.tensors, kl.plots),
     *(jaxmpm.support.check, jaxmpm.support.files, jaxmpm.support.hdf5, jaxmpm.support.pytrees, jaxmpm.support.text),
-    *(cooperative.doctor, cooperative.hazard, cooperative.summary, cooperative.values),
+    *(cooperative.doctor, cooperative.hazard),
     *(cooperative.tools.research.back_analysis, cooperative.tools.research.rare),
 )
 LISTED = [
@@ -63,6 +62,7 @@ ROOMS = (
     *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
     *(kl.axis, kl.field, kl.marginal),
     *(cooperative.estimate, cooperative.measure, cooperative.reporting, cooperative.runs, cooperative.store),
+    cooperative.summary,
 )
 LISTED += [
     (f"{room.__name__}.{name}", getattr(room, name))

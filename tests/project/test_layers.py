@@ -20,8 +20,8 @@ ROOMS = {
     ),
     "kl": "_checks types axis marginal sampling field estimation soil plots",
     "cooperative": (
-        "names store measure estimate laboratory example_scenes scene runs values summary folder hazard campaign "
-        "reporting doctor tools"
+        "names estimate store measure laboratory example_scenes scene runs summary folder hazard campaign reporting "
+        "doctor tools"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_arguments", "_commands"}}
@@ -79,6 +79,15 @@ def test_imports_go_down_and_stay_out_of_other_rooms_insides():
         if inside[0] != room:
             private = [name for name in inside[1:-1] if name.startswith("_")] or inside[-1].startswith("_")
             assert not private, f"{path} imports {module}, which is the inside of another room"
+
+
+def test_estimates_are_made_of_arrays_alone():
+    for path, _, module in IMPORTS:
+        if path.is_relative_to(ROOT / "cooperative" / "estimate"):
+            top = module.split(".")[0]
+            assert module.startswith("cooperative.estimate") or top in {*sys.stdlib_module_names, "numpy", "scipy"}, (
+                path
+            )
 
 
 def test_packages_know_nothing_of_those_above():

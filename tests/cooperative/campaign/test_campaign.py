@@ -42,18 +42,18 @@ def test_refined_runs_are_the_worst_ranked_and_end_with_k_t_that_stand(tiny_camp
         assert by_rank[-2:] == [False, False]
     failures = int(np.sum(refined.columns["displacement"] > 1.0))
     assert 0 < failures < 6
-    assert summary.probability_of_failure == failures / 6
-    assert summary.interval[0] < summary.probability_of_failure < summary.interval[1]
+    assert summary.probability.value == failures / 6
+    assert summary.probability.interval[0] < summary.probability.value < summary.probability.interval[1]
 
 
 def test_two_phase_campaign_spends_its_budget(tmp_path):
     text = changed('estimator = "published"', "refined_runs = 10").replace("samples = 6", "samples = 14")
     summary = run(text, tmp_path / "two-phase")
-    assert summary.estimator == "two-phase"
-    assert summary.refined_runs == 10
-    low, high = summary.interval
-    assert 0 <= low < summary.probability_of_failure < high <= 1
-    assert summary.other_estimates.keys() <= {"published n/N"}
+    assert summary.probability.estimator == "two-phase"
+    assert summary.cost.refined_runs == 10
+    low, high = summary.probability.interval
+    assert 0 <= low < summary.probability.value < high <= 1
+    assert summary.probability.others.keys() <= {"published n/N"}
     assert run(text, tmp_path / "two-phase") == summary
 
 
@@ -145,8 +145,7 @@ def test_killed_campaign_goes_on_and_ends_the_same(tiny_campaign, tmp_path):
     stamps = {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before}
     resumed = run(TINY, again)
     assert {name: (again / "samples" / "rough" / name).stat().st_mtime_ns for name in before} == stamps
-    for key in ("probability_of_failure", "interval", "refined_runs", "status", "consequences_of_failures"):
-        assert getattr(resumed, key) == getattr(summary, key)
+    assert replace(resumed, cost=replace(resumed.cost, seconds=summary.cost.seconds)) == summary
 
 
 def test_broken_off_runs_are_stored_counted_and_reported(tmp_path):
@@ -157,8 +156,8 @@ def test_broken_off_runs_are_stored_counted_and_reported(tmp_path):
         for sample in runs.run_samples(replace(model, state=state), coefficients, [0, 1], width=2):
             write_sample(store, "rough", sample)
         summary = summarise(model.campaign, read_rows(store, "rough"), read_rows(store, "refined"))
-    assert summary.broke_off["rough"] == {0: "NOT_FINITE at step 1", 1: "NOT_FINITE at step 1"}
-    assert summary.status["rough"] == {Status.NOT_FINITE.name: 2}
+    assert summary.cost.broke_off["rough"] == {0: "NOT_FINITE at step 1", 1: "NOT_FINITE at step 1"}
+    assert summary.cost.status["rough"] == {Status.NOT_FINITE.name: 2}
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -178,8 +177,8 @@ def test_samples_with_a_strength_that_none_may_have_break_off_and_are_reported(t
     monkeypatch.setattr(runs.GridModel, "varied", spoiling)
     folder = tmp_path / "bad"
     summary = run(TINY, folder)
-    assert summary.broke_off == {grid: {n: "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
-    assert [summary.status[grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
+    assert summary.cost.broke_off == {grid: {n: "BAD_PARAMETER at step 0"} for grid, n in spoilt.items()}
+    assert [summary.cost.status[grid]["BAD_PARAMETER"] for grid in spoilt] == [1, 1]
     store = read_store(folder)
     for grid, number in spoilt.items():
         rows = read_rows(store, grid)

@@ -26,11 +26,11 @@ def done(tmp_path_factory):
 
 def test_samples_fail_from_the_displacement_at_the_limit_load(done):
     folder, summary = done
-    limit_load = summary.limit_load
+    limit_load = summary.probability.limit_load
     assert 0.5 < limit_load.factor < 3.0
     assert 0.01 < limit_load.displacement < 1.0
     displacement = read_rows(read_store(folder), "refined").columns["displacement"]
-    assert summary.failures_refined == (displacement > limit_load.displacement).sum()
+    assert summary.probability.failures_refined == (displacement > limit_load.displacement).sum()
     assert limit_load.volume == 0.05 * 8.0**2
     rule = (
         f"a slope fails when 3.2 m2 moves {limit_load.displacement:g} m, "
@@ -43,7 +43,7 @@ def test_samples_fail_from_the_displacement_at_the_limit_load(done):
 
 
 def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
-    campaign, limit_load = parse(PLASTIC), done[1].limit_load
+    campaign, limit_load = parse(PLASTIC), done[1].probability.limit_load
     scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
     for share, fails in ((0.98, False), (1.02, True)):
         result = mpm.solve(mpm.reduced(scene, share * limit_load.factor), state, t_end=4.0, settle=mpm.Settle())
@@ -57,7 +57,7 @@ def test_it_is_measured_once_and_stored(done):
     assert run(PLASTIC, folder) == summary
     assert (folder / "measured.json").stat().st_mtime_ns == stamp
     campaign = campaign_of(read_store(folder))
-    assert campaign.run.failure_displacement == summary.limit_load.displacement
+    assert campaign.run.failure_displacement == summary.probability.limit_load.displacement
     assert campaign.run.settle.slides == campaign.run.failure_displacement
     measured = json.loads((folder / "measured.json").read_text())
     measured["limit_load"]["displacement"] = -1.0
@@ -89,7 +89,8 @@ def test_a_campaign_killed_before_its_first_sample_measures_nothing_again(tmp_pa
     assert (measured["limit_load"]["displacement"], measured["calibration"]["rough"]) == (0.3, 1.2)
     summary = run(text, tmp_path)
     assert json.loads((tmp_path / "measured.json").read_text()) == measured
-    assert (summary.limit_load, summary.calibration.refined) == (LimitLoad(**measured["limit_load"]), 1.1)
+    pf = summary.probability
+    assert (pf.limit_load, pf.calibration.refined) == (LimitLoad(**measured["limit_load"]), 1.1)
     # A kill between two measurements costs the second alone.
     (tmp_path / "measured.json").write_text(json.dumps({name: measured[name] for name in ("terms", "limit_load")}))
     with pytest.raises(Killed):

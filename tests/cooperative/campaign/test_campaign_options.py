@@ -35,11 +35,11 @@ def test_subset_simulation_runs_from_a_scene(tmp_path):
     store = read_store(folder)
     rough = read_rows(store, "rough")
     assert rough.numbers == list(range(76))
-    assert 0 < summary.refined_runs <= 12
-    assert summary.finished == "the refined runs allowed are spent"
-    low, high = summary.interval
-    assert 0 <= low < summary.probability_of_failure < high <= 1
-    assert set(summary.other_estimates) == set()
+    assert 0 < summary.cost.refined_runs <= 12
+    assert summary.cost.finished == "the refined runs allowed are spent"
+    low, high = summary.probability.interval
+    assert 0 <= low < summary.probability.value < high <= 1
+    assert set(summary.probability.others) == set()
     assert progress_of(folder).grids[0].planned == 76
     # The chains of the upper level lie above the rough threshold of the lower one.
     displacement = rough.columns["displacement"]
@@ -119,11 +119,10 @@ def test_the_first_samples_run_refined(estimator, tmp_path):
     text = changed('estimator = "published"', f'estimator = "{estimator}"\nrefined_runs = 10')
     summary = run(text.replace("samples = 6", "samples = 12"), tmp_path / "out")
     assert read_rows(read_store(tmp_path / "out"), "refined").numbers == list(range(10))
-    assert summary.finished == "the refined runs allowed are spent"
-    assert summary.convergence.refined_runs == (10,)
-    assert {"Monte Carlo", "multifidelity control variate"} == {summary.estimator, *summary.other_estimates} - {
-        "published n/N"
-    }
+    assert summary.cost.finished == "the refined runs allowed are spent"
+    assert summary.probability.convergence.refined_runs == (10,)
+    estimators = {summary.probability.estimator, *summary.probability.others}
+    assert {"Monte Carlo", "multifidelity control variate"} == estimators - {"published n/N"}
 
 
 def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
@@ -131,7 +130,7 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     text = changed('estimator = "published"', 'estimator = "published"\ncalibrate = true')
     text = text.replace("mean = 30e3", f"mean = {30e3 * np.sqrt(1 + 0.4**2)}")
     summary = run(text, tmp_path / "out")
-    calibration = summary.calibration
+    calibration = summary.probability.calibration
     assert calibration.factor == pytest.approx(calibration.refined / calibration.rough)
     assert 0.5 < calibration.factor < 1
     stamp = (tmp_path / "out" / "measured.json").stat().st_mtime_ns
@@ -157,27 +156,27 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
 def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
     text = changed('fields = "both"', "calibrate = true\n[calibration]\nrough = 1.2\nrefined = 1.1")
     text = text.replace("t_end = 4.0", "t_end = 0.3")
-    factors = run(text, tmp_path / "out").as_json()["calibration"]
+    factors = run(text, tmp_path / "out").as_json()["probability"]["calibration"]
     assert factors == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
     assert json.loads((tmp_path / "out" / "measured.json").read_text())["calibration"] == {"rough": 1.2, "refined": 1.1}
 
 
 def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tiny_campaign):
     folder, summary = tiny_campaign
-    modes = summary.modes
-    assert sum(part.count for part in modes.values()) == summary.failures_refined
+    modes = summary.modes.shares
+    assert sum(part.count for part in modes.values()) == summary.probability.failures_refined
     assert sum(part.ratio for part in modes.values()) == pytest.approx(1.0)
-    assert sum(part.probability for part in modes.values()) == pytest.approx(summary.probability_of_failure)
+    assert sum(part.probability for part in modes.values()) == pytest.approx(summary.probability.value)
     for part in modes.values():
         assert part.interval[0] <= part.ratio <= part.interval[1]
     occurring = {mode for mode, part in modes.items() if part.count}
-    assert summary.fits.keys() == {"all", *occurring}
-    assert "too few" in summary.fits["all"]["displacement"].notes[0]
-    assert {rank.group for rank in summary.severity["volume"]} == occurring
-    left = 6 - summary.refined_runs
-    assert summary.after_more_runs.runs == summary.after_more_runs.samples_left == left
-    assert -1 <= summary.grids.spearman <= 1
-    assert summary.convergence.probability[-1] == summary.probability_of_failure
+    assert summary.consequences.fits.keys() == {"all", *occurring}
+    assert "too few" in summary.consequences.fits["all"]["displacement"].notes[0]
+    assert {rank.group for rank in summary.modes.severity["volume"]} == occurring
+    left = 6 - summary.cost.refined_runs
+    assert summary.cost.after_more_runs.runs == summary.cost.after_more_runs.samples_left == left
+    assert -1 <= summary.probability.grids.spearman <= 1
+    assert summary.probability.convergence.probability[-1] == summary.probability.value
     assert "NaN" not in (folder / "summary.json").read_text()
     assert Summary.from_json((folder / "summary.json").read_text()) == summary
 
@@ -188,11 +187,11 @@ def test_rows_written_before_modes_were_stored_still_read(tiny_campaign):
     new = ("mode", "masses", "depth_shallowest", "depth_deepest", "onset", "onset_second")
     old = Rows({name: column for name, column in refined.columns.items() if name not in new}, ())
     summary = summarise(campaign, rough, old)
-    assert summary.modes is None
-    assert summary.fits.keys() == {"all"}
-    assert summary.probability_of_failure == summarise(campaign, rough, refined).probability_of_failure
+    assert summary.modes.shares is None
+    assert summary.consequences.fits.keys() == {"all"}
+    assert summary.probability.value == summarise(campaign, rough, refined).probability.value
     nothing = Rows({name: column[:0] for name, column in refined.columns.items()}, ())
-    assert summarise(replace(campaign), rough, nothing).grids is None
+    assert summarise(replace(campaign), rough, nothing).probability.grids is None
 
 
 @pytest.mark.parametrize(

@@ -160,7 +160,7 @@ def test_it_runs_goes_on_and_is_reported_from_its_folder_alone(done):
     assert run(SHORT, folder) == summary
     assert run(read_store(folder).source, folder) == summary
     assert campaign_of(read_store(folder)) == replace(SHORT, measured=campaign_of(read_store(folder)).measured)
-    assert probability(summary.estimate) in report(folder)
+    assert probability(summary.probability.estimate) in report(folder)
 
 
 def test_the_folder_of_another_campaign_is_refused(done):
@@ -229,7 +229,7 @@ def test_ground_of_ones_own_is_reported_drawn_and_exported_from_the_folder_alone
     np.testing.assert_allclose(z, np.interp(x, [0, 8, 16, 32], [8, 8, 0, 0]), atol=1e-3)
     assert ground.walls == ((0, 0.0, "roller"), (0, 32.0, "roller"))
     assert isinstance(campaign_of(read_store(tmp_path)).site.shape, Given)
-    assert probability(summary.estimate) in report(tmp_path)
+    assert probability(summary.probability.estimate) in report(tmp_path)
     drawn = {number for _, number in read_results(tmp_path).soils()}
     others = {0, 1} - drawn
     with warnings.catch_warnings(record=True) as caught:
@@ -279,7 +279,7 @@ if __name__ == "__main__":
         random={"strength": RandomField(25e3, 0.4, (20.0, 4.0), trend=1e3)},
         rough=mpm.Discretisation(2.0, (1.0, 1.0)), refined=mpm.Discretisation(1.0, (0.5, 0.5)),
         run=Run(t_end=0.5), plan=Plan(samples=3), estimator=MonteCarlo(refined_runs=10))
-    print(run(campaign, sys.argv[1], workers=int(sys.argv[2])).probability_of_failure)
+    print(run(campaign, sys.argv[1], workers=int(sys.argv[2])).probability.value)
 """
 
 

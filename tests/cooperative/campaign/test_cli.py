@@ -72,11 +72,11 @@ def test_a_report_while_screening_says_so_and_gives_the_share_on_the_rough_grid(
     folder = invented_campaign(tmp_path / "c", scene, rough, [])
     campaign, store = parse(scene), read_store(folder)
     summary = summarise(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
-    assert summary.probability_of_failure == 2 / 5
+    assert summary.probability.value == 2 / 5
     # What the refined grid makes of them is open.
-    assert summary.interval == (0.0, 1.0)
-    assert summary.estimator == "rough grid alone"
-    assert summary.finished is None
+    assert summary.probability.interval == (0.0, 1.0)
+    assert summary.probability.estimator == "rough grid alone"
+    assert summary.cost.finished is None
     assert summary.notes[0].startswith("screening is not complete")
     assert "3 rough runs gave no answer" in summary.notes[1]
     assert progress.progress_of(folder).estimate.probability == 2 / 5

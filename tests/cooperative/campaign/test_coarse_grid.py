@@ -39,8 +39,8 @@ def test_all_samples_run_on_the_coarse_grid_and_one_of_each_zone_on_the_rough_on
     by_rank = sorted(rough.numbers, key=order.index)
     scores = [rough.columns["coarse_score"][rough.numbers.index(number)] for number in by_rank]
     assert scores == sorted(scores, reverse=True)
-    assert (summary.coarse_samples, summary.samples) == (40, 14)
-    assert sum(each.weight for each in summary.stands_for.values()) == pytest.approx(1.0)
+    assert (summary.cost.coarse_samples, summary.cost.samples) == (40, 14)
+    assert sum(each.weight for each in summary.probability.stands_for.values()) == pytest.approx(1.0)
 
 
 def test_the_estimate_weighs_samples_by_their_zones(done):
@@ -48,8 +48,8 @@ def test_the_estimate_weighs_samples_by_their_zones(done):
     campaign = campaign_of(store)
     phases = phases_of(campaign, read_rows(store, "rough"), read_rows(store, "refined"))
     assert phases.population.independent == 40
-    assert phases.estimate.probability == summary.probability_of_failure
-    assert summary.other_estimates == {}
+    assert phases.estimate.probability == summary.probability.value
+    assert summary.probability.others == {}
     alike = Sampling(campaign.plan.rough_samples, campaign.run.failure_displacement)
     unweighted = Phases.of(campaign.estimator, alike, phases.rough, read_rows(store, "refined").results)
     assert unweighted.estimate.interval != phases.estimate.interval
@@ -74,14 +74,14 @@ def test_an_interrupted_campaign_goes_on_to_the_same_answer(done, tmp_path):
     assert "coarse grid    39 of 40" in words(now)
     assert "rough grid alone" in words(now)
     again = run(COARSER, tmp_path)
-    assert again.probability_of_failure == done[1].probability_of_failure
-    assert again.interval == done[1].interval
+    assert again.probability.value == done[1].probability.value
+    assert again.probability.interval == done[1].probability.interval
 
 
 def test_once_all_rough_samples_are_refined_more_of_them_would_help(tmp_path):
     text = COARSER.replace("refined_runs = 10", "refined_runs = 14").replace("slides = 2", "slides = 0")
     summary = run(text, tmp_path, progress=True)
-    assert summary.refined_runs == summary.samples == 14
+    assert summary.cost.refined_runs == summary.cost.samples == 14
     assert "refined grid 14/14" in (tmp_path / "progress.log").read_text()
     assert "only more rough samples would" in more(summary)
 
@@ -99,8 +99,8 @@ def test_the_rough_grid_alone_is_calibrated(tmp_path):
 @pytest.mark.slow
 def test_workers_do_not_change_the_answer(done, tmp_path):
     summary = run(COARSER, tmp_path, workers=2)
-    assert summary.probability_of_failure == done[1].probability_of_failure
-    assert summary.interval == done[1].interval
+    assert summary.probability.value == done[1].probability.value
+    assert summary.probability.interval == done[1].probability.interval
 
 
 def test_a_report_names_the_coarse_grid(done):

@@ -39,8 +39,8 @@ def test_a_slope_drawn_with_its_toe_has_the_slopes_summary(tiny_campaign, tmp_pa
     run(TOED, tmp_path / "drawn")
     drawn, slope = summary_of(tmp_path / "drawn"), summary_of(tiny_campaign[0])
     assert flat(drawn) == pytest.approx(flat(slope), nan_ok=True)
-    assert drawn["modes"]["deep"]["count"] > 0
-    assert drawn["consequences_of_failures"]["runout"]["mean"] > 5
+    assert drawn["modes"]["shares"]["deep"]["count"] > 0
+    assert drawn["consequences"]["means"]["runout"]["mean"] > 5
 
 
 def test_without_a_toe_there_are_no_modes():
@@ -102,7 +102,7 @@ def test_a_campaign_of_a_ground_of_ones_own_runs_on_two_workers_and_is_reported(
         estimator=MonteCarlo(refined_runs=10),
     )
     summary = run(campaign, tmp_path / "own", workers=2)
-    assert sum(mode.count for mode in summary.modes.values()) == summary.failures_refined == 3
+    assert sum(mode.count for mode in summary.modes.shares.values()) == summary.probability.failures_refined == 3
     text = report(tmp_path / "own")
     assert "m beyond the toe" in text
-    assert summary_of(tmp_path / "own")["slides"] == 3
+    assert summary_of(tmp_path / "own")["consequences"]["slides"] == 3

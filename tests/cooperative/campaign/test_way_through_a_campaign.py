@@ -83,6 +83,6 @@ def test_the_controller_goes_from_scene_to_folder_through_its_rooms(tmp_path, mo
     assert way[:2] == ["runs", "scene"]  # settings of JAX first
     assert [room for room in way if room in STEPS] == list(STEPS)
     assert set(way) - set(STEPS) <= {"scene", "estimate", "runs", "store"}
-    assert {name: rooms - STEPS[name] for name, rooms in steps.items()} == dict.fromkeys(STEPS, set())
+    assert {name: rooms - STEPS[name] for name, rooms in steps.items()} == {name: set() for name in STEPS}
     assert steps["screen"] == steps["refine"] == RUNS
     assert {"summary", "folder"} <= steps["summarise"]

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cooperative.estimate import CutOff, monte_carlo
-from cooperative.estimate._effects import Slid, risk_of
+from cooperative.estimate import monte_carlo
 from cooperative.measure import ElementAtRisk, Vulnerability
 from cooperative.reporting import _sentences as sentences
+from cooperative.summary import CutOff
+from cooperative.summary._slides import SlideRows, risk_of
 
 PLAIN = monte_carlo(np.ones(20, bool))
 HOUSE = ElementAtRisk("house", ((3.0,), (5.0,)), 400_000.0, Vulnerability("thickness", (0.0, 0.5), (0.0, 1.0)))
@@ -22,11 +23,12 @@ def risk(thickness):
         f"thickness_at_{HOUSE.key}": thickness, f"speed_at_{HOUSE.key}": np.where(arrived, 1.0, np.nan),
         f"arrival_at_{HOUSE.key}": np.where(arrived, 9.0, np.nan), f"ground_at_{HOUSE.key}": np.zeros(20),
     }  # fmt: skip
-    return risk_of([HOUSE], PLAIN, Slid(columns, np.ones(20)), CutOff(20, 20, 0, 60.0), 1.0, unknown=False)
+    return risk_of([HOUSE], PLAIN, SlideRows(columns, np.ones(20)), CutOff(20, 20, 0, 60.0), 1.0, unknown=False)
 
 
 def words(known):
-    return next(sentences.at_risk(SimpleNamespace(annual_frequency=None, elements_at_risk=known.places)))
+    probability, consequences = SimpleNamespace(annual_frequency=None), SimpleNamespace(elements_at_risk=known.places)
+    return next(sentences.at_risk(SimpleNamespace(probability=probability, consequences=consequences)))
 
 
 def test_a_loss_that_cannot_grow_is_no_least_value():

@@ -61,7 +61,7 @@ def test_it_does_not_depend_on_the_refined_grid_and_stays_with_the_ground():
     assert replace(campaign, ground=slope(4.0)).failing_volume == 1.0
     assert replace(campaign, run=Run(least_volume=7.5)).failing_volume == 7.5
     assert replace(campaign, run=Run(least_volume=0.0)).failing_volume is None
-    assert summarise(campaign, rows([0], [0.1]), rows([0], [0.1])).least_volume == 3.2
+    assert summarise(campaign, rows([0], [0.1]), rows([0], [0.1])).probability.least_volume == 3.2
 
 
 def test_slides_that_are_smaller_are_counted_in_a_note():

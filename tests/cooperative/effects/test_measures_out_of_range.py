@@ -34,8 +34,8 @@ def test_a_summary_is_written_whatever_numbers_its_rows_hold(drawn):
     refined = refined_rows(**columns)
     summary = summarise(CAMPAIGN, rows(np.arange(COUNT), np.linspace(2.0, 3.0, COUNT)), refined)
     assert Summary.from_json(json.dumps(summary.as_json())) == summary
-    assert summary.probability_of_failure == 1.0
-    for name, spread in summary.consequences_of_failures.items():
+    assert summary.probability.value == 1.0
+    for name, spread in summary.consequences.means.items():
         usable = refined.columns[name][np.isfinite(refined.columns[name]) & (refined.columns[name] >= 0)]
         assert (spread is None) == (usable.size == 0)
         if spread is not None:
@@ -59,5 +59,5 @@ def test_the_number_of_the_report_of_a_hillside_is_unknown_and_named():
     depth = np.full(COUNT, 2.0)
     depth[3] = -0.1398601531982422
     summary = summarise(CAMPAIGN, rows(np.arange(COUNT), np.full(COUNT, 2.0)), refined_rows(depth=depth))
-    assert summary.consequences_of_failures["depth"].smallest == 2.0
+    assert summary.consequences.means["depth"].smallest == 2.0
     assert any(note.startswith("depth = -0.14 of sample 3: no measure is below 0") for note in summary.notes)

@@ -171,13 +171,14 @@ def test_slides_run_on_beyond_the_time_of_their_class(all_slides, tmp_path):
     folder, before = all_slides
     whole = campaign.run(LONGER, tmp_path / "all")
     # Which samples fail, and so the answer, is what it was.
-    for key in ("probability_of_failure", "interval", "failures_refined", "refined_runs"):
-        assert getattr(whole, key) == getattr(before, key)
-    assert whole.grids.same_class == before.grids.same_class
-    assert before.cut_off.at_t_end > whole.cut_off.at_t_end == 0
+    for key in ("value", "interval", "failures_refined"):
+        assert getattr(whole.probability, key) == getattr(before.probability, key)
+    assert whole.cost.refined_runs == before.cost.refined_runs
+    assert whole.probability.grids.same_class == before.probability.grids.same_class
+    assert before.consequences.cut_off.at_t_end > whole.consequences.cut_off.at_t_end == 0
     assert any("had not come to rest when they ended at 4 s" in note for note in before.notes)
     some = campaign.run(LONGER + "slides = 2\n", tmp_path / "some")
-    assert (some.slides, some.probability_of_failure) == (2, whole.probability_of_failure)
+    assert (some.consequences.slides, some.probability.value) == (2, whole.probability.value)
     stores = {name: read_store(tmp_path / name) for name in ("all", "some")} | {"short": read_store(folder)}
     rows = {name: read_rows(store, "refined") for name, store in stores.items()}
     short, long = rows["short"].columns, rows["all"].columns
@@ -220,18 +221,19 @@ def test_slides_that_had_not_come_to_rest_go_on_without_a_run_repeated(all_slide
 
     monkeypatch.setattr(_samples, "read_restart", remembered)
     half = campaign.run(text, folder, slides_t_end=5.0)
-    assert half.cut_off.t_end == 5.0
+    assert half.consequences.cut_off.t_end == 5.0
     assert sorted(n for n, _ in gone_on) == moving
     assert min(time for _, time in gone_on) >= 4.0 - 1e-5
     del gone_on[:]
     later = campaign.run(text, folder, slides_t_end=40.0)
     assert all(time >= 5.0 - 1e-5 for _, time in gone_on)
-    assert (later.cut_off.at_t_end, later.cut_off.t_end) == (0, 40.0)
+    assert (later.consequences.cut_off.at_t_end, later.consequences.cut_off.t_end) == (0, 40.0)
     assert campaign.run(text, folder) == later  # the folder keeps it, and nothing runs again
     assert list((folder / "restart").iterdir()) == []
     assert read_results(folder).summary == later
     at_once = tmp_path / "at once"
-    assert replace(campaign.run(LONGER + text.removeprefix(SCENE), at_once), seconds={}) == replace(later, seconds={})
+    longer = campaign.run(LONGER + text.removeprefix(SCENE), at_once)
+    assert replace(longer, cost=replace(longer.cost, seconds=later.cost.seconds)) == later
     rows = [read_rows(read_store(each), "refined").columns for each in (folder, at_once)]
     for name in rows[0].keys() - {"seconds"}:
         np.testing.assert_array_equal(rows[0][name], rows[1][name], err_msg=name)
@@ -266,7 +268,7 @@ def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path,
     for path in files[1:]:
         path.unlink()
     again = campaign.run(asked(2), tmp_path)
-    assert again.slides == 2
+    assert again.consequences.slides == 2
     assert (progress_of(tmp_path).grids[2].done, len(progress_of(folder).grids)) == (2, 2)
     with open_store(tmp_path, asked(2)) as store, open_store(folder, SCENE) as other:
         for number in read_rows(store, SLIDES).numbers:
@@ -296,9 +298,9 @@ def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides
 def test_a_class_is_all_that_an_audit_without_slides_asks(all_slides, tmp_path):
     _, whole = all_slides
     summary = campaign.run(asked(0), tmp_path)
-    assert summary.probability_of_failure == whole.probability_of_failure
-    assert summary.slides == 0
-    assert summary.consequences_of_failures == {}
+    assert summary.probability.value == whole.probability.value
+    assert summary.consequences.slides == 0
+    assert summary.consequences.means == {}
     assert not (tmp_path / "restart").exists() or not list((tmp_path / "restart").iterdir())
     assert not any("slid on" in note for note in summary.notes)
     assert [each.grid for each in progress_of(tmp_path).grids] == ["rough", "refined"]
@@ -328,13 +330,13 @@ def deciding(made_up):
 
 def test_a_campaign_runs_refined_what_its_slides_want_beyond_the_audit(tmp_path, deciding, monkeypatch):
     whole = campaign.run(FULL, tmp_path / "whole")
-    assert (whole.slides, whole.slides_drawn) == (8, 8)
-    assert whole.refined_runs > 30
-    assert whole.finished == "the refined runs allowed are spent"
+    assert (whole.consequences.slides, whole.consequences.planned) == (8, 8)
+    assert whole.cost.refined_runs > 30
+    assert whole.cost.finished == "the refined runs allowed are spent"
     audit = campaign.run(FULL.replace("slides = 8", "slides = 0"), tmp_path / "audit")
-    assert (audit.slides, audit.refined_runs) == (0, 30)
-    for same in ("probability_of_failure", "interval", "convergence", "coefficient_of_variation"):
-        assert getattr(whole, same) == getattr(audit, same)
+    assert (audit.consequences.slides, audit.cost.refined_runs) == (0, 30)
+    for same in ("value", "interval", "convergence", "coefficient_of_variation"):
+        assert getattr(whole.probability, same) == getattr(audit.probability, same)
     # Killed after every second slide, it comes to the same end.
     written = campaign.write_sample
 
@@ -351,10 +353,10 @@ def test_a_campaign_runs_refined_what_its_slides_want_beyond_the_audit(tmp_path,
         except KeyboardInterrupt:
             lives += 1
     assert lives > 2
-    assert replace(summary, seconds=whole.seconds) == whole
+    assert replace(summary, cost=replace(summary.cost, seconds=whole.cost.seconds)) == whole
     # More runs allowed later: what slid stays, and no more slides than asked for.
     monkeypatch.setattr(campaign, "write_sample", written)
     more = campaign.run(FULL, tmp_path / "killed", refined_runs=50)
-    assert more.slides == 8
+    assert more.consequences.slides == 8
     status = progress_of(tmp_path / "killed")
     assert (status.grids[2].done, status.grids[2].planned) == (8, 8)

@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative.estimate import Risk, named_estimator
+from cooperative.estimate import named_estimator
 from cooperative.reporting import _page
 from cooperative.reporting import _sentences as words
 from cooperative.runs import phases_of
 from cooperative.scene import Budget, Calibration, LimitLoad, parse
 from cooperative.store import Rows
-from cooperative.summary import Summary, summarise, walls_reached
+from cooperative.summary import Risk, Summary, summarise
+from cooperative.summary._notes import _walls_reached
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.estimate.test_twophase import pair
@@ -75,11 +76,11 @@ def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
         rough, refined, failed, mode, size = made_up(500, 0.25, seed)
         summary = play(campaign_with(samples=500, refined_runs=100), rough, refined)
         truth = np.mean(mode[failed] == "deep")
-        deep = summary.modes["deep"]
+        deep = summary.modes.shares["deep"]
         ratio.append(deep.ratio - truth)
         covered += deep.interval[0] <= truth <= deep.interval[1]
-        mean.append(summary.consequences_of_failures["volume"].mean / size[failed].mean() - 1)
-        plain.append(deep.count / summary.failures_refined - truth)
+        mean.append(summary.consequences.means["volume"].mean / size[failed].mean() - 1)
+        plain.append(deep.count / summary.probability.failures_refined - truth)
     assert abs(np.mean(ratio)) < 4 * np.std(ratio) / np.sqrt(14)
     assert abs(np.mean(mean)) < 4 * np.std(mean) / np.sqrt(14)
     # Counting the runs alone would be off: the audit looks where failure is in doubt, and there fewer are deep.
@@ -90,12 +91,12 @@ def test_ratios_means_and_fits_are_those_of_the_population_not_of_the_runs():
 def test_fits_find_the_family_and_severity_the_larger_mode():
     rough, refined, *_ = made_up(3000, 0.25, 0)
     summary = summarise(campaign_with(samples=3000, estimator="monte carlo"), rough, refined(range(3000)))
-    assert summary.fits["deep"]["volume"].best_aic == "lognormal"
-    assert [rank.group for rank in summary.severity["volume"]] == ["deep", "shallow"]
-    assert summary.severity["volume"][0].rank_interval == (1, 1)
-    assert summary.grids.spearman > 0.5
-    assert summary.modes["deep"].probability + summary.modes["shallow"].probability == pytest.approx(
-        summary.probability_of_failure
+    assert summary.consequences.fits["deep"]["volume"].best_aic == "lognormal"
+    assert [rank.group for rank in summary.modes.severity["volume"]] == ["deep", "shallow"]
+    assert summary.modes.severity["volume"][0].rank_interval == (1, 1)
+    assert summary.probability.grids.spearman > 0.5
+    assert summary.modes.shares["deep"].probability + summary.modes.shares["shallow"].probability == pytest.approx(
+        summary.probability.value
     )
 
 
@@ -115,14 +116,14 @@ def test_the_campaign_says_why_it_ended(plan, reason):
     rough, refined, failed, *_ = made_up(600, 0.25, 3)
     campaign = campaign_with(samples=600, **plan)
     summary = play(campaign, rough, refined)
-    assert reason in summary.finished
+    assert reason in summary.cost.finished
     if "target_cov" in plan and "out of reach" not in reason:
-        assert summary.coefficient_of_variation <= plan["target_cov"]
+        assert summary.probability.coefficient_of_variation <= plan["target_cov"]
     if plan.get("estimator") != "published":
-        assert summary.interval[0] <= failed.mean() <= summary.interval[1]
-    if summary.refined_runs < 600 and plan.get("estimator") != "published":
-        assert summary.after_more_runs.coefficient_of_variation < summary.coefficient_of_variation
-    assert summarise(campaign, rough, refined([0])).finished is None
+        assert summary.probability.interval[0] <= failed.mean() <= summary.probability.interval[1]
+    if summary.cost.refined_runs < 600 and plan.get("estimator") != "published":
+        assert summary.cost.after_more_runs.coefficient_of_variation < summary.probability.coefficient_of_variation
+    assert summarise(campaign, rough, refined([0])).cost.finished is None
 
 
 def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
@@ -135,18 +136,20 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
     table.columns["mode"][lost] = ""
     table.columns["broke_off"][lost] = 1.0
     summary = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, table)
-    assert summary.failures_refined == failed.sum()
-    assert sum(part.count for part in summary.modes.values()) == failed.sum() - 1
+    assert summary.probability.failures_refined == failed.sum()
+    assert sum(part.count for part in summary.modes.shares.values()) == failed.sum() - 1
     # Every sample has run: there are no more to buy.
-    assert summary.after_more_runs.samples_left == 0
+    assert summary.cost.after_more_runs.samples_left == 0
     assert "only more samples would bring" in words.more(summary)
-    rounded = replace(summary, coefficient_of_variation=3e-9)
+    rounded = replace(summary, probability=replace(summary.probability, coefficient_of_variation=3e-9))
     assert words.more(rounded).endswith("would narrow the interval.")
-    certain = replace(summary, coefficient_of_variation=0.0)  # as where all fail
+    # As where all fail.
+    certain = replace(summary, probability=replace(summary.probability, coefficient_of_variation=0.0))
     assert words.more(certain) == "All samples are refined: only more samples would narrow the interval."
-    left = replace(certain, after_more_runs=replace(certain.after_more_runs, runs=2, samples_left=4))
+    further = replace(certain.cost.after_more_runs, runs=2, samples_left=4)
+    left = replace(certain, cost=replace(certain.cost, after_more_runs=further))
     assert words.more(left) == ""
-    assert summary.fits["all"]["volume"].samples == failed.sum() - 1
+    assert summary.consequences.fits["all"]["volume"].samples == failed.sum() - 1
 
 
 def test_of_elements_at_risk_nothing_is_known_before_a_slide_counts():
@@ -157,13 +160,13 @@ def test_of_elements_at_risk_nothing_is_known_before_a_slide_counts():
     fails.columns["status"][:] = "DECIDED"
     for runs in (refined([]), fails):
         summary = summarise(campaign, rough, runs)
-        assert summary.risk == Risk({"road": None, "house": None}, None)
-        (text,) = _page.risks(summary, summary.risk)
+        assert summary.consequences.risk == Risk({"road": None, "house": None}, None)
+        (text,) = _page.risks(summary, summary.consequences.risk)
         assert "How likely a slide reaches road, house is not known" in text
     # Where many runs ended and none failed, that is known.
     stands = refined(range(60))
     stands.columns["displacement"][:] = 0.05
-    reached = summarise(campaign, rough, stands).elements_at_risk["house"].reached
+    reached = summarise(campaign, rough, stands).consequences.elements_at_risk["house"].reached
     assert reached.probability == 0
     assert 0 < reached.interval[1] < 0.2
 
@@ -191,16 +194,20 @@ def test_a_summary_is_the_same_after_json(data):
 def test_numbers_that_are_not_finite_are_null_in_json_and_other_json_is_no_summary():
     rough, refined, *_ = made_up(60, 0.4, 1)
     made = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, refined(range(60)))
-    odd = replace(made, unseen=np.inf, seconds={"rough": np.nan, "refined": 1.0}).as_json()
-    assert (odd["unseen"], odd["seconds"]) == (None, {"rough": None, "refined": 1.0})
-    for text in (json.dumps(odd), "[]", "{}", '{"name": "x"}', json.dumps({**made.as_json(), "samples": "12"})):
+    odd = replace(
+        made,
+        probability=replace(made.probability, unseen=np.inf),
+        cost=replace(made.cost, seconds={"rough": np.nan, "refined": 1.0}),
+    ).as_json()
+    assert (odd["probability"]["unseen"], odd["cost"]["seconds"]) == (None, {"rough": None, "refined": 1.0})
+    for text in (json.dumps(odd), "[]", "{}", '{"name": "x"}', json.dumps({**made.as_json(), "name": 12})):
         with pytest.raises(ValueError, match="Summary"):
             Summary.from_json(text)
 
 
 def test_walls_are_named_with_how_many_runs_reached_them():
     refined = rows([0, 1, 2], [5.0, 5.0, 0.1], walls=np.array(["x = 0 m; x = 84 m", "x = 84 m", ""]))
-    assert walls_reached(rows([], []), refined) == [
+    assert _walls_reached(rows([], []), refined) == [
         "the slide reached the wall at x = 0 m, which held it, in 1 refined run: lengthen the ground there",
         "the slide reached the wall at x = 84 m, which held it, in 2 refined runs: lengthen the ground there",
     ]
@@ -210,23 +217,23 @@ def test_a_rough_sample_that_is_to_be_redone_is_no_obstacle():
     rough, refined, *_ = made_up(60, 0.4, 1)
     fewer = Rows({name: np.delete(column, 7) for name, column in rough.columns.items()}, ("000007.h5 is damaged",))
     summary = summarise(campaign_with(samples=60, estimator="monte carlo"), fewer, refined(range(60)))
-    assert summary.grids.samples <= 59
-    assert summary.refined_runs == 60
+    assert summary.probability.grids.samples <= 59
+    assert summary.cost.refined_runs == 60
 
 
 def test_summary_and_words_tell_sampling_from_what_was_not_seen():
     rough, refined, *_ = made_up(600, 0.25, 3)
     summary = play(campaign_with(samples=600, refined_runs=60), rough, refined)
-    low, high = summary.sampling_interval
-    assert summary.interval[0] == low
-    assert summary.interval[1] > high > summary.probability_of_failure
-    assert 0 < summary.unseen < 0.5
+    low, high = summary.probability.sampling_interval
+    assert summary.probability.interval[0] == low
+    assert summary.probability.interval[1] > high > summary.probability.value
+    assert 0 < summary.probability.unseen < 0.5
     text = words.unseen(summary)
     assert f"{low:.3g} to {high:.3g}" in text
-    assert f"{summary.coefficient_of_variation:.1%}" in text
-    assert f"up to {summary.unseen:.2g} of all samples" in text
+    assert f"{summary.probability.coefficient_of_variation:.1%}" in text
+    assert f"up to {summary.probability.unseen:.2g} of all samples" in text
     plain = summarise(campaign_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
-    assert (plain.unseen, plain.sampling_interval, words.unseen(plain)) == (0.0, None, "")
+    assert (plain.probability.unseen, plain.probability.sampling_interval, words.unseen(plain)) == (0.0, None, "")
 
 
 def test_summary_says_where_the_ranks_mislead():
@@ -242,7 +249,7 @@ def test_summary_says_where_the_ranks_mislead():
 
     summary = play(campaign_with(samples=600, refined_runs=60), upside_down, refined)
     assert any(note.startswith("THE RANKS MISLEAD") for note in summary.notes)
-    assert summary.interval[0] <= failed.mean() <= summary.interval[1]
+    assert summary.probability.interval[0] <= failed.mean() <= summary.probability.interval[1]
 
 
 def test_refined_runs_that_all_broke_off_beyond_the_limit_have_a_summary():
@@ -250,40 +257,40 @@ def test_refined_runs_that_all_broke_off_beyond_the_limit_have_a_summary():
     numbers = np.arange(12)
     refined = rows(numbers, np.full(12, 3.0), broke_off=np.ones(12), status=np.full(12, "NOT_FINITE"))
     summary = summarise(campaign_with(samples=40), rough, refined)
-    assert summary.failures_refined == 12
-    assert summary.consequences_of_failures["depth"] is None
-    assert summary.consequences_of_failures["displacement"].largest == 3.0
-    assert summary.fits == {"all": {}}
+    assert summary.probability.failures_refined == 12
+    assert summary.consequences.means["depth"] is None
+    assert summary.consequences.means["displacement"].largest == 3.0
+    assert summary.consequences.fits == {"all": {}}
 
 
 def test_more_runs_are_no_more_than_are_left_and_all_samples_are_the_limit():
     rough, refined, failed, *_ = made_up(80, 0.4, 3)
     summary = play(campaign_with(samples=80, refined_runs=60), rough, refined)
-    more = summary.after_more_runs
+    more = summary.cost.after_more_runs
     assert (more.runs, more.samples_left) == (20, 20)
     # All refined, only the sampling of the 80 is left.
-    share = summary.probability_of_failure
+    share = summary.probability.value
     assert more.coefficient_of_variation == more.all_samples == pytest.approx(np.sqrt((1 - share) / share / 80))
     assert "Another 20 refined runs" in words.more(summary)
     assert "only more samples help" in words.more(summary)
     whole = play(campaign_with(samples=80, refined_runs=80), rough, refined)
-    share = whole.probability_of_failure
-    assert whole.coefficient_of_variation == pytest.approx(np.sqrt((1 - share) / share / 80))
+    share = whole.probability.value
+    assert whole.probability.coefficient_of_variation == pytest.approx(np.sqrt((1 - share) / share / 80))
     assert share == pytest.approx(failed.mean())
     # Under way, the budget leaves fewer.
     campaign = campaign_with(samples=80, refined_runs=30)
     begun = summarise(campaign, rough, refined(phases_of(campaign, rough, refined([])).next_runs(1, ())))
-    more = begun.after_more_runs
-    assert more.runs == 30 - begun.refined_runs < more.samples_left == 80 - begun.refined_runs
+    more = begun.cost.after_more_runs
+    assert more.runs == 30 - begun.cost.refined_runs < more.samples_left == 80 - begun.cost.refined_runs
     # With 59 of 60 runs the last wave waits: its runs count once it is whole, and the forecast counts them all.
     wait, wanted = campaign_with(samples=80, refined_runs=60), []
     while (asked := phases_of(wait, rough, refined(wanted)).next_runs(1, ())) and len(wanted) < 59:
         wanted += asked[:1]
     last = summarise(wait, rough, refined(wanted))
-    assert (last.refined_runs, last.after_more_runs.runs) == (59, 1)
-    assert last.estimate_runs < 59
-    assert last.after_more_runs.coefficient_of_variation < 0.99 * last.coefficient_of_variation
+    assert (last.cost.refined_runs, last.cost.after_more_runs.runs) == (59, 1)
+    assert last.probability.runs < 59
+    assert last.cost.after_more_runs.coefficient_of_variation < 0.99 * last.probability.coefficient_of_variation
     assert any("runs of the wave under way are back" in note for note in last.notes)
     # The published rule takes no more.
     ended = play(campaign_with(samples=80, estimator="published", k_t=9), rough, refined)
-    assert (ended.after_more_runs.coefficient_of_variation, words.more(ended)) == (None, "")
+    assert (ended.cost.after_more_runs.coefficient_of_variation, words.more(ended)) == (None, "")

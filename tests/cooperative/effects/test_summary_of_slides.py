@@ -11,8 +11,7 @@ from cooperative.reporting import _page
 from cooperative.reporting import _sentences as words
 from cooperative.runs import phases_of
 from cooperative.scene import parse
-from cooperative.summary import slides_of, summarise
-from cooperative.values import CutOff
+from cooperative.summary import CutOff, slides_of, summarise
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.effects.test_summary import campaign_with, rows
@@ -45,7 +44,7 @@ def drawn_classes(slides):
 @pytest.mark.parametrize("slides", [0, 3, None])
 def test_grids_agree_as_all_classes_do_whichever_failures_slide_on(slides):
     campaign, rough, refined = drawn_classes(slides)
-    grids = summarise(campaign, rough, refined).grids
+    grids = summarise(campaign, rough, refined).probability.grids
     assert (grids.samples, grids.same_class) == (200, pytest.approx(0.945))
     # Where some failures' ways are unknown all are, and the ranks are those of displacements up to the limit.
     displacement = refined.columns["displacement"]
@@ -59,23 +58,24 @@ def test_runs_that_broke_off_have_the_class_that_they_tell():
     lost = np.flatnonzero(refined.columns["displacement"] > 1)[[0, 1, 5]]
     lost = np.append(lost, np.flatnonzero(refined.columns["displacement"] < 1)[:2])
     refined.columns["broke_off"][lost], refined.columns["status"][lost] = 1.0, "NOT_FINITE"
-    grids = summarise(campaign, rough, refined).grids
+    grids = summarise(campaign, rough, refined).probability.grids
     # Those that stood until they broke off have no class.
     assert grids.samples == 198
     rough.columns["broke_off"][[0, 199]] = 1.0
-    assert summarise(campaign, rough, refined).grids.samples == 197
+    assert summarise(campaign, rough, refined).probability.grids.samples == 197
 
 
 def test_a_campaign_without_slides_says_that_no_consequence_was_asked_for():
     campaign, rough, refined = drawn_classes(0)
     summary = summarise(campaign, rough, refined)
     assert summary.notes[0].startswith("the scene asks for no slides (slides = 0): the 30 refined failures ended")
-    assert (summary.slides, summary.slides_drawn, summary.failures_refined) == (0, 0, 30)
+    assert (summary.consequences.slides, summary.consequences.planned) == (0, 0)
+    assert summary.probability.failures_refined == 30
     assert _page.without_slides(summary).startswith("No consequence was asked for")
     assert "of 200 samples. Failures that ended once their class was known share one rank." in words.agreement(summary)
     three = summarise(*drawn_classes(3))
     assert three.notes[0].startswith("3 of 30 refined failures slid on")
-    assert (three.slides_drawn, _page.without_slides(three)) == (3, "")
+    assert (three.consequences.planned, _page.without_slides(three)) == (3, "")
     # Drawn, and not yet at their end.
     campaign, rough, refined = drawn_classes(3)
     refined.columns["status"][refined.columns["status"] == "SETTLED"] = "DECIDED"
@@ -102,8 +102,8 @@ def five_slides(status="SETTLED", *, slid=5, reached=2):
 
 
 def test_four_slides_have_a_range_and_no_interval_and_five_have_one():
-    four = summarise(*five_slides(slid=4)).consequences_of_failures
-    five = summarise(*five_slides(slid=5)).consequences_of_failures
+    four = summarise(*five_slides(slid=4)).consequences.means
+    five = summarise(*five_slides(slid=5)).consequences.means
     for name, (smallest, largest) in {"displacement": (5, 8), "runout": (2.5, 4), "volume": (2.5, 4)}.items():
         assert four[name].interval is None
         assert (four[name].smallest, four[name].largest) == (smallest, largest)
@@ -118,24 +118,24 @@ def test_no_mean_lies_beyond_the_time_of_the_runs_or_below_the_ground():
     refined.columns["arrival_at_road"] = np.where(number < 12, np.where(number < 5, 0.1, 19.9), np.nan)
     refined.columns["depth"] = np.where(number < 12, np.where(number < 2, 0.1 * deep, deep), 0.0)
     summary = summarise(campaign, rough, refined)
-    arrival = summary.elements_at_risk["road"].arrival
+    arrival = summary.consequences.elements_at_risk["road"].arrival
     assert arrival.mean < arrival.interval[1] == 20.0
-    depth = summary.consequences_of_failures["depth"]
+    depth = summary.consequences.means["depth"]
     assert depth.mean < depth.interval[1] == deep
 
 
 @pytest.mark.parametrize(("slid", "reached"), [(0, 0), (3, 0), (3, 2), (8, 0), (8, 3)])
 def test_an_expected_loss_is_at_most_value_times_the_upper_probability(slid, reached):
     summary = summarise(*five_slides(slid=slid, reached=reached))
-    road, house = (summary.elements_at_risk[name] for name in ("road", "house"))
+    road, house = (summary.consequences.elements_at_risk[name] for name in ("road", "house"))
     low, high = road.loss.interval
     assert 0 <= low <= road.loss.expected <= high <= 1000 * road.reached.interval[1]
-    assert summary.risk.loss.interval == (low, high)
+    assert summary.consequences.risk.loss.interval == (low, high)
     if slid < 5 or not reached:
         assert (low, high) == (0, pytest.approx(1000 * road.reached.interval[1]))
     assert high > 0
     assert house.loss is None
-    text = " ".join(_page.risks(summary, summary.risk))
+    text = " ".join(_page.risks(summary, summary.consequences.risk))
     assert ("not within 20 s" in text, "at most" in text) == (True, True)
 
 
@@ -143,20 +143,21 @@ def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_leas
     campaign, rough, refined = five_slides("FINISHED")
     refined.columns["status"][0] = "SETTLED"
     summary = summarise(campaign, rough, refined)
-    assert summary.cut_off == CutOff(of=5, at_t_end=4, broke_off=0, t_end=20.0)
+    assert summary.consequences.cut_off == CutOff(of=5, at_t_end=4, broke_off=0, t_end=20.0)
     assert "4 of 5 slides had not come to rest when they ended at 20 s" in " ".join(summary.notes)
-    assert all(each.at_least for each in summary.consequences_of_failures.values())
-    text = " ".join(_page.risks(summary, summary.risk))
+    assert all(each.at_least for each in summary.consequences.means.values())
+    text = " ".join(_page.risks(summary, summary.consequences.risk))
     assert "at least 0.1" in text
     assert "interval of what 20 s show" in text
     assert "4 of 5 slides had not come to rest" in words.cut_off(summary)
     # Each failure may reach the road yet, and all that it is worth may then be lost.
-    road, most = summary.elements_at_risk["road"], summary.interval[1]
+    road, most = summary.consequences.elements_at_risk["road"], summary.probability.interval[1]
     assert (road.reached.interval[1], road.loss.interval[1]) == (most, pytest.approx(1000 * most))
     settled = summarise(*five_slides())
-    assert settled.cut_off.at_t_end == 0
-    assert not any(each.at_least for each in settled.consequences_of_failures.values())
-    assert "at least" not in " ".join([*_page.risks(settled, settled.risk), *settled.notes, words.cut_off(settled)])
+    assert settled.consequences.cut_off.at_t_end == 0
+    assert not any(each.at_least for each in settled.consequences.means.values())
+    risks = _page.risks(settled, settled.consequences.risk)
+    assert "at least" not in " ".join([*risks, *settled.notes, words.cut_off(settled)])
     # Where nothing looks for rest it is not known.
     campaign = replace(campaign, run=replace(campaign.run, settle=None))
     assert any("not looked at for rest" in note for note in summarise(campaign, rough, refined).notes)
@@ -168,9 +169,9 @@ def test_a_slide_that_broke_off_went_at_least_so_far_and_has_no_other_part():
     for name in ("depth", "runout", "volume", "area", "area_columns"):
         refined.columns[name][1] = np.nan
     summary = summarise(campaign, rough, refined)
-    assert (summary.cut_off.broke_off, summary.cut_off.at_t_end) == (1, 0)
+    assert (summary.consequences.cut_off.broke_off, summary.consequences.cut_off.at_t_end) == (1, 0)
     assert any(note.startswith("1 of 5 slides broke off") for note in summary.notes)
-    spreads = summary.consequences_of_failures
+    spreads = summary.consequences.means
     assert [spreads[name].at_least for name in ("displacement", "runout")] == [True, False]
 
 

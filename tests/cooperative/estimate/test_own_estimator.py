@@ -78,9 +78,9 @@ def test_an_estimator_of_ones_own_runs_a_campaign(done):
     rough, refined = read_rows(store, "rough"), read_rows(store, "refined")
     order = np.argsort(-rough.columns["displacement"], kind="stable")
     assert sorted(order[1::2].tolist()) == refined.numbers
-    assert summary.estimator == "every k-th rank"
-    assert summary.finished == "every 2. rank has run"
-    assert summary.probability_of_failure == np.mean(refined.columns["displacement"] > 1.0)
+    assert summary.probability.estimator == "every k-th rank"
+    assert summary.cost.finished == "every 2. rank has run"
+    assert summary.probability.value == np.mean(refined.columns["displacement"] > 1.0)
     assert campaign.run(SCENE, folder, estimator=EveryKth(2)) == summary
     assert summarise(campaign_of(store, EveryKth(2)), rough, refined) == summary
     assert [grid.planned for grid in progress_of(folder, estimator=EveryKth(2)).grids] == [6, 3]

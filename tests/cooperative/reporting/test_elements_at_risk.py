@@ -6,12 +6,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from cooperative.estimate import Element
-from cooperative.estimate._effect_values import ElementLoss, Reached
 from cooperative.measure import PUBLISHED
 from cooperative.reporting import _sentences as sentences
 from cooperative.scene import parse
 from cooperative.scene.tables._hazard import Curve
+from cooperative.summary import Element, ElementLoss, Reached
 from tests.cooperative.campaign.test_campaign import TINY
 
 STAYS = Reached(0.0, (0.0, 0.05), False)
@@ -24,7 +23,8 @@ HOUSE = Element(Reached(0.0, (0.0, 0.05), False), None, None, None, None, Reache
 def summary(often):
     elements = {"road": ROAD, "house": HOUSE, "mast": None}
     return SimpleNamespace(
-        annual_frequency=often, elements_at_risk=elements, probability_of_failure=0.2, interval=(0.1, 0.3)
+        probability=SimpleNamespace(annual_frequency=often, value=0.2, interval=(0.1, 0.3)),
+        consequences=SimpleNamespace(elements_at_risk=elements),
     )
 
 

@@ -7,13 +7,13 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
-from cooperative.estimate import Chances, Exceedance, ModeShare, fit_distributions, severity_ranking
+from cooperative.estimate import Chances, Exceedance, fit_distributions, severity_ranking
 from cooperative.hazard import Maps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _plots as plots
-from cooperative.values import Convergence
+from cooperative.summary import Convergence, ModeShare
 
 HALF = np.array([0.5, 0.5])
 X, Z = (grid.ravel() for grid in np.meshgrid(np.arange(0.5, 24), np.arange(0.5, 8), indexing="ij"))

@@ -108,12 +108,12 @@ def test_the_page_needs_nothing_else_and_every_figure_is_drawn(tmp_path, done, e
 
 def test_nothing_is_shown_twice(done):
     folder, summary = done
-    modes = {mode for mode, share in summary.modes.items() if share.count}
+    modes = {mode for mode, share in summary.modes.shares.items() if share.count}
     names = {path.stem for path in (folder / "figures").iterdir()}
     assert ("modes" in names) == ("severity" in names) == (len(modes) > 1)
     # Nothing is fitted to fewer than ten slides.
-    fitted = {mode for mode in modes if summary.modes[mode].count >= FITTED} if len(modes) > 1 else {"all"}
-    enough = summary.slides >= FITTED
+    fitted = {mode for mode in modes if summary.modes.shares[mode].count >= FITTED} if len(modes) > 1 else {"all"}
+    enough = summary.consequences.slides >= FITTED
     assert {name for name in names if name.startswith("fits")} == {f"fits-{mode}" for mode in fitted if enough}
     assert enough or "Too few slides for a fit" in (folder / "report.html").read_text()
     shown = Page((folder / "report.html").read_text())
@@ -123,7 +123,7 @@ def test_nothing_is_shown_twice(done):
 def test_figures_that_answer_hold_the_numbers_of_the_summary(done):
     pytest.importorskip("plotly", reason="the extra interactive is not installed")
     _, summary = done
-    curve = summary.exceedance["runout"]
+    curve = summary.consequences.exceedance["runout"]
     *band, shown = interactive.stairs({"runout": curve}, {"runout": "run-out $L$ [m]"}, "probability [-]").data
     assert (shown.x.tolist(), shown.y.tolist()) == ([*curve.thresholds], [*curve.probability])
     assert [each.y.tolist() for each in band] == [[*curve.low], [*curve.high]]
@@ -141,17 +141,17 @@ def test_figures_that_answer_hold_the_numbers_of_the_summary(done):
 def test_the_page_says_what_the_summary_holds(done):
     folder, summary = done
     text = " ".join(Page((folder / "report.html").read_text()).text)
-    low, high = summary.interval
-    assert f"{summary.probability_of_failure:.3g}" in text
+    low, high = summary.probability.interval
+    assert f"{summary.probability.value:.3g}" in text
     assert f"{low:.3g} to {high:.3g}" in text
-    assert f"{summary.grids.spearman:.2f}" in text
+    assert f"{summary.probability.grids.spearman:.2f}" in text
     assert "What more runs would bring" in text
     assert "One slope in 10 slides to" in text
-    for mode, share in summary.modes.items():
+    for mode, share in summary.modes.shares.items():
         assert (mode in text) == (share.count > 0)
-    for fits in summary.fits["all"].values():
+    for fits in summary.consequences.fits["all"].values():
         assert fits.best_aic is None or fits.best_aic in text
-    for status in summary.status["refined"]:
+    for status in summary.cost.status["refined"]:
         assert status in text
     assert "jaxlib" in text
     assert "run_per_rise = 1.0" in text
@@ -165,9 +165,9 @@ def test_the_table_tells_what_each_refined_run_stands_for(done):
     refined = [line for line in lines if line["grid"] == "refined"]
     failing = sum(float(line["weight"]) for line in refined if line["failed"] == "1.0")
     assert failing / sum(float(line["weight"]) for line in refined) == pytest.approx(
-        summary.probability_of_failure, abs=1e-12
+        summary.probability.value, abs=1e-12
     )
-    assert sum(line["failed"] == "1.0" for line in refined) == summary.failures_refined > 0
+    assert sum(line["failed"] == "1.0" for line in refined) == summary.probability.failures_refined > 0
     assert {line["weight"] for line in lines if line["grid"] == "rough"} == {""}
 
 
@@ -176,8 +176,8 @@ def test_maps_add_up_to_what_the_slides_cover(done):
     maps = hazard_maps(folder)
     reached, covered = maps.maps["reached"], maps.maps["covered at the end"]
     assert (reached.value + 1e-12 >= covered.value).all()
-    assert reached.value.max() == pytest.approx(summary.probability_of_failure)
-    assert (reached.high <= summary.interval[1] + 1e-12).all()
+    assert reached.value.max() == pytest.approx(summary.probability.value)
+    assert (reached.high <= summary.probability.interval[1] + 1e-12).all()
     with open(write_table(read_store(folder)), newline="") as file:
         slides = [line for line in csv.DictReader(file) if line["failed"] == "1.0"]
     expected = sum(float(line["slide_weight"]) * float(line["area_columns"]) for line in slides)
@@ -199,20 +199,20 @@ def test_maps_add_up_to_what_the_slides_cover(done):
         assert mine.sum() < 0.8 * float(line["slide_weight"]) * float(line["volume"])
     assert thickness == pytest.approx(volume, rel=1e-3)
     carried = maps.maps["ground carried away"]
-    assert 0 < carried.value.max() <= summary.probability_of_failure + 1e-12
-    assert summary.elements_at_risk["road"].carried.probability <= summary.probability_of_failure + 1e-12
+    assert 0 < carried.value.max() <= summary.probability.value + 1e-12
+    assert summary.consequences.elements_at_risk["road"].carried.probability <= summary.probability.value + 1e-12
 
 
 def test_expected_loss_is_the_area_under_its_curve(done):
     _, summary = done
-    loss, road = summary.risk.loss, summary.elements_at_risk["road"]
+    loss, road = summary.consequences.risk.loss, summary.consequences.elements_at_risk["road"]
     curve = loss.exceedance
     assert float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds)) == pytest.approx(loss.expected, rel=1e-9)
     assert loss.expected == pytest.approx(road.loss.expected)
     assert 0 < loss.interval[0] < loss.expected < loss.interval[1]
     assert sum(loss.modes.values()) == pytest.approx(1.0)
-    assert summary.elements_at_risk["house"].loss is None
-    assert 0 < road.arrival.mean < summary.elements_at_risk["house"].arrival.mean
+    assert summary.consequences.elements_at_risk["house"].loss is None
+    assert 0 < road.arrival.mean < summary.consequences.elements_at_risk["house"].arrival.mean
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -254,10 +254,10 @@ def test_slides_are_chosen_by_mode_then_by_distance(done):
     assert grid == "refined"
     assert len(chosen) == len(set(chosen)) == 3
     modes = dict(zip(rows.numbers, rows.columns["mode"], strict=True))
-    occur = {mode for mode, share in summary.modes.items() if share.count}
+    occur = {mode for mode, share in summary.modes.shares.items() if share.count}
     assert {modes[number] for number in chosen} == occur or len(occur) > 3
     assert chosen[0] == rows.numbers[int(np.argmax(rows.columns["displacement"]))]
-    none = replace(results, summary=replace(summary, slide_weights={}))
+    none = replace(results, summary=replace(summary, consequences=replace(summary.consequences, weights={})))
     assert none.drawn(3) == ("refined", [chosen[0]])
     assert results.soils() == [("rough", chosen[0]), *(("refined", number) for number in chosen)]
 

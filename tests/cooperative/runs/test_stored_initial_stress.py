@@ -67,7 +67,7 @@ def test_calibration_takes_the_grids_that_are_there(tmp_path, solved, monkeypatc
 
     monkeypatch.setattr("cooperative.scene._measured.factor_of_safety", stable)
     summary = campaign.run(SCENE + "calibrate = true\n", tmp_path)
-    assert summary.calibration.factor == pytest.approx(1.1 / 1.2)
+    assert summary.probability.calibration.factor == pytest.approx(1.1 / 1.2)
     assert len(solved) == 2
 
 

@@ -87,7 +87,7 @@ def test_a_calibration_divides_the_strength_of_both_kinds():
 def test_a_scene_of_both_kinds_runs_to_a_report(tmp_path):
     text = MIXED.replace("samples = 6", "samples = 2").replace("t_end = 4.0", "t_end = 0.5")
     summary = cooperative.run(text, tmp_path)
-    assert 0 <= summary.probability_of_failure <= 1
+    assert 0 <= summary.probability.value <= 1
     cooperative.report(tmp_path)
     assert "fill" in (tmp_path / "report.html").read_text()
     assert grid_size(parse(text), "refined").particles > 100

@@ -29,7 +29,7 @@ def done(tmp_path_factory):
 @pytest.mark.usefixtures("unrendered")
 def test_a_campaign_of_many_random_parameters_runs_and_is_reported(done):
     text, folder, summary = done
-    assert summary.broke_off == {"rough": {}, "refined": {}}
+    assert summary.cost.broke_off == {"rough": {}, "refined": {}}
     assert run(text, folder) == summary
     displacement = read_rows(read_store(folder), "rough").columns["displacement"]
     assert np.unique(displacement).size == 3

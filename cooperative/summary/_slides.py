@@ -10,11 +10,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cooperative.estimate._effect_values import (
+from cooperative.estimate import (
+    Estimate,
+    Slides,
+    chance_of,
+    exceedance,
+    fit_distributions,
+    mean_interval,
+    mean_of,
+    severity_ranking,
+    shares,
+)
+from cooperative.measure import SEVERITY, ElementAtRisk
+from cooperative.scene import Campaign
+from cooperative.store import Rows
+from cooperative.summary._values import (
     CutOff,
-    Effects,
     Element,
     ElementLoss,
+    FailureConsequences,
+    FailureModes,
     Loss,
     ModeShare,
     Reached,
@@ -22,12 +37,6 @@ from cooperative.estimate._effect_values import (
     SampleLoss,
     Spread,
 )
-from cooperative.estimate._estimates import Estimate, mean_interval, shares
-from cooperative.estimate._fits import fit_distributions, severity_ranking
-from cooperative.estimate._means import chance_of, exceedance, mean_of
-from cooperative.estimate._phases import Slides
-from cooperative.measure import SEVERITY, ElementAtRisk
-from cooperative.store import Rows
 
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
 CURVES = ("runout", "volume", "depth")
@@ -37,7 +46,7 @@ MOST_LOSS = 5
 
 
 @dataclass(frozen=True)
-class Slid:
+class SlideRows:
     """Slides, a part of the table of refined runs.
 
     Args:
@@ -53,8 +62,8 @@ class Slid:
         absent = {"mode": "", "broke_off": 0.0}.get(name, np.nan)
         return in_range(self.columns.get(name, np.full(self.weight.size, absent)))
 
-    def known(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """The values (k,) of a measure that are known, and what each stands for.
+    def measured(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """The values (k,) of a measure as far as slides have it, and what each stands for.
 
         Args:
             name: of its column.
@@ -63,13 +72,13 @@ class Slid:
         there = np.isfinite(values)
         return values[there], self.weight[there]
 
-    def where(self, mine: np.ndarray) -> Slid:
+    def where(self, chosen: np.ndarray) -> SlideRows:
         """Some of the slides.
 
         Args:
-            mine: which (n,) bool.
+            chosen: which (n,) bool.
         """
-        return Slid({name: each[mine] for name, each in self.columns.items()}, self.weight[mine])
+        return SlideRows({name: column[chosen] for name, column in self.columns.items()}, self.weight[chosen])
 
 
 def in_range(values: np.ndarray) -> np.ndarray:
@@ -100,80 +109,94 @@ def out_of_range(refined: Rows, slid: np.ndarray) -> str:
     return f"{bad[0]}{several}: no measure is below 0 or without end, so that it counts as unknown"
 
 
-def effects_of(
-    estimate: Estimate,
-    refined: Rows,
-    slides: Slides,
-    *,
-    t_end: float,
-    deepest: float,
-    elements_at_risk: Sequence[ElementAtRisk],
-    failure_displacement: float,
-) -> Effects:
-    """What the refined runs that slid on to their end do, each weighed by what it stands for.
+def counting(refined: Rows, slides: Slides) -> SlideRows:
+    """The slides that stand for failures.
+
+    Args:
+        refined: rows of the refined grid.
+        slides: which failures slid, and what each stands for.
+    """
+    rows = SlideRows(refined.columns, slides.weight)
+    return rows.where(slides.slid & (slides.weight > 0))
+
+
+def by_mode(rows: SlideRows) -> dict[str, SlideRows]:
+    """The slides of each mode that occurs, without those that broke off.
+
+    Args:
+        rows: of the slides.
+    """
+    whole = rows.where(~rows["broke_off"].astype(bool))
+    return {mode: whole.where(whole["mode"] == mode) for mode in SEVERITY if mode in whole["mode"]}
+
+
+def modes_of(estimate: Estimate, refined: Rows, slides: Slides) -> FailureModes:
+    """Count, ratio among the failures and probability of each mode, and which are severe.
 
     Args:
         estimate: of the probability of failure.
         refined: rows of the refined grid.
         slides: which failures slid, and what each stands for.
-        t_end: up to when slides go on (s).
-        deepest: height of the ground (m); no soil lies deeper.
-        elements_at_risk: those of the campaign.
-        failure_displacement: from which the ground of an element carries it away (m).
     """
-    slid = Slid(refined.columns, slides.weight).where(slides.slid)
-    counting = slid.where(slid.weight > 0)
-    broke_off = counting["broke_off"].astype(bool)
+    rows, shares_of_modes = counting(refined, slides), None
+    if "mode" in rows.columns:
+        named = rows.where(rows["mode"] != "")
+        parts = shares(named["mode"], named.weight, SEVERITY, level=estimate.level) if named.weight.size else {}
+        shares_of_modes = {
+            mode: ModeShare(part.count, part.share, part.interval, estimate.probability * part.share)
+            for mode, part in parts.items()
+        }
+    groups, severity = by_mode(rows), {}
+    for name in MEASURES:
+        measured = {mode: group.measured(name) for mode, group in groups.items()}
+        measured = {mode: pair for mode, pair in measured.items() if pair[0].size}
+        if measured:
+            values, weights = ({mode: pair[at] for mode, pair in measured.items()} for at in (0, 1))
+            severity[name] = tuple(severity_ranking(values, weights=weights))
+    return FailureModes(shares_of_modes, severity)
+
+
+def consequences_of(campaign: Campaign, estimate: Estimate, refined: Rows, slides: Slides) -> FailureConsequences:
+    """What the refined runs that slid on to their end do, each weighed by what it stands for.
+
+    Args:
+        campaign: whose runs these are.
+        estimate: of the probability of failure.
+        refined: rows of the refined grid.
+        slides: which failures slid, and what each stands for.
+    """
+    rows, run = counting(refined, slides), campaign.run
+    broke_off = rows["broke_off"].astype(bool)
     cut = CutOff(
         of=broke_off.size,
-        at_t_end=int(np.sum((counting["status"] == "FINISHED") & ~broke_off)),
+        at_t_end=int(np.sum((rows["status"] == "FINISHED") & ~broke_off)),
         broke_off=int(broke_off.sum()),
-        t_end=t_end,
+        t_end=run.last("refined"),
     )
-    whole = counting.where(~broke_off)
-    by_mode = {mode: whole.where(whole["mode"] == mode) for mode in SEVERITY if mode in whole["mode"]}
-    unknown = slides.failed.any() or not slides.weight.any()
-    return Effects(
+    groups = {"all": rows.where(~broke_off)} | by_mode(rows)
+    of_all = SlideRows(refined.columns, slides.weight).where(slides.slid)
+    unknown = bool(slides.failed.any() or not slides.weight.any())
+    return FailureConsequences(
+        slides=int(slides.slid.sum()),
+        planned=slides.planned,
+        weights={refined.numbers[at]: float(slides.weight[at]) for at in np.flatnonzero(slides.slid)},
         cut_off=cut,
-        modes=_modes(estimate, counting),
-        consequences_of_failures=_means(deepest, estimate.level, slid, cut),
+        means=_means(campaign.site.shape.extent[-1], estimate.level, of_all, cut),
         exceedance={
             name: exceedance(estimate, weight, values)
             for name in CURVES
-            for values, weight in [counting.known(name)]
+            for values, weight in [rows.measured(name)]
             if values.size
         },
-        risk=risk_of(elements_at_risk, estimate, counting, cut, failure_displacement, unknown=bool(unknown)),
         fits={
-            group: {name: fit_distributions(*mine.known(name)) for name in MEASURES if mine.weight.size}
-            for group, mine in ({"all": whole} | by_mode).items()
+            name: {measure: fit_distributions(*group.measured(measure)) for measure in MEASURES if group.weight.size}
+            for name, group in groups.items()
         },
-        severity={
-            name: tuple(
-                severity_ranking(
-                    {mode: values for mode, (values, _) in known.items()},
-                    weights={mode: weight for mode, (_, weight) in known.items()},
-                )
-            )
-            for name in MEASURES
-            if (known := {mode: each for mode, mine in by_mode.items() if (each := mine.known(name))[0].size})
-        },
+        risk=risk_of(campaign.elements_at_risk, estimate, rows, cut, run.failure_displacement, unknown=unknown),
     )
 
 
-def _modes(estimate: Estimate, counting: Slid) -> dict[str, ModeShare] | None:
-    """Count, ratio among the failures and probability of each mode; None where the rows have none."""
-    if "mode" not in counting.columns:
-        return None
-    known = counting.where(counting["mode"] != "")
-    parts = shares(known["mode"], known.weight, SEVERITY, level=estimate.level) if known.weight.size else {}
-    return {
-        mode: ModeShare(part.count, part.share, part.interval, estimate.probability * part.share)
-        for mode, part in parts.items()
-    }
-
-
-def _means(deepest: float, level: float, slid: Slid, cut: CutOff) -> dict[str, Spread | None]:
+def _means(deepest: float, level: float, rows: SlideRows, cut: CutOff) -> dict[str, Spread | None]:
     """Weighted mean of each consequence with its interval, smallest and largest.
 
     None where no slide has the consequence, and nothing without a slide.
@@ -181,18 +204,18 @@ def _means(deepest: float, level: float, slid: Slid, cut: CutOff) -> dict[str, S
     most = {"depth": deepest}
     return {
         name: spread_of(
-            slid[name], slid.weight, level,
+            rows[name], rows.weight, level,
             at_least=bool(cut.at_t_end or (cut.broke_off and name == "displacement")), most=most.get(name, np.inf),
         )
         for name in MEASURES
-        if slid.weight.size
+        if rows.weight.size
     }  # fmt: skip
 
 
 def risk_of(
     elements_at_risk: Sequence[ElementAtRisk],
     estimate: Estimate,
-    counting: Slid,
+    rows: SlideRows,
     cut: CutOff,
     failure_displacement: float,
     *,
@@ -205,7 +228,7 @@ def risk_of(
     Args:
         elements_at_risk: those of the campaign.
         estimate: of the probability of failure.
-        counting: slides that count.
+        rows: slides that count.
         cut: slides that had not come to rest.
         failure_displacement: from which the ground of an element carries it away (m).
         unknown: whether no run counts, or some failed and may slide yet.
@@ -213,11 +236,11 @@ def risk_of(
     if not elements_at_risk:
         return None
     # A slide that broke off has no columns, and one that arrives with a number out of range no known loss.
-    usable = np.isfinite(counting["area_columns"])
+    usable = np.isfinite(rows["area_columns"])
     for exposed in elements_at_risk:
-        arrival, *measured = (counting[f"{what}_at_{exposed.key}"] for what in ("arrival", "thickness", "speed"))
+        arrival, *measured = (rows[f"{what}_at_{exposed.key}"] for what in ("arrival", "thickness", "speed"))
         usable &= ~np.isfinite(arrival) | np.isfinite(measured).all(axis=0)
-    slid = counting.where(usable)
+    slid = rows.where(usable)
     if not slid.weight.size and unknown:
         return Risk(dict.fromkeys(element.name for element in elements_at_risk), None)
     weight, elements, at_least = slid.weight, {}, bool(cut.at_t_end)
@@ -242,12 +265,12 @@ def risk_of(
         carried = chance_of(estimate, weight, moves[:, None])
         most_likely = estimate.interval[1] if at_least else float(carried.high[0])
         if exposed.vulnerability is not None and exposed.value is not None:
-            each = np.where(reached, exposed.value * exposed.vulnerability.share(came[exposed.vulnerability.of]), 0.0)
+            losses = np.where(reached, exposed.value * exposed.vulnerability.share(came[exposed.vulnerability.of]), 0.0)
             # Shares of the value do not fall.
             all_of_it = exposed.value * exposed.vulnerability.lost[-1]
-            more = at_least and bool((each < all_of_it * (1 - 1e-3)).any())
-            loss = ElementLoss(exposed.value, *expected_of(estimate, weight, each, all_of_it * high, more), more)
-            lost, bound = lost + each, bound + all_of_it * high
+            more = at_least and bool((losses < all_of_it * (1 - 1e-3)).any())
+            loss = ElementLoss(exposed.value, *expected_of(estimate, weight, losses, all_of_it * high, more), more)
+            lost, bound = lost + losses, bound + all_of_it * high
         elements[exposed.name] = Element(
             Reached(float(chance.value[0]), (low, high), open_),
             **spreads,
@@ -303,8 +326,8 @@ def spread_of(values: np.ndarray, weight: np.ndarray, level: float, *, at_least:
         at_least: whether the runs would have gone on.
         most: limit of the mean.
     """
-    known = np.isfinite(values)
-    values, weight = values[known], weight[known]
+    finite = np.isfinite(values)
+    values, weight = values[finite], weight[finite]
     if not values.size:
         return None
     mean = float(weight @ values / weight.sum()) if weight.any() else float(values.mean())

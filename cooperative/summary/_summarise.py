@@ -1,0 +1,188 @@
+"""A campaign in numbers, from its rows alone: probability, modes, consequences, how well the grids agree."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from cooperative.estimate import Correlation, Phases, Slides, after_more_runs, correlation
+from cooperative.runs import phases_of, warnings_of
+from cooperative.scene import Campaign
+from cooperative.store import Rows
+from cooperative.summary._notes import notes_of
+from cooperative.summary._slides import consequences_of, modes_of
+from cooperative.summary._values import (
+    CampaignCost,
+    Convergence,
+    FailureProbability,
+    MoreRuns,
+    OtherEstimate,
+    StandsFor,
+    Summary,
+)
+
+NOT_BROKEN = ("FINISHED", "SETTLED", "DECIDED")
+MORE = 50
+"""Further refined runs whose effect is given, or fewer where fewer are left."""
+
+
+def summarise(campaign: Campaign, rough: Rows, refined: Rows, phases: Phases | None = None) -> Summary:
+    """The campaign in numbers.
+
+    Means, shares and fits weigh every refined run by what it stands for. Where only some failures slid on to their end,
+    these stand for all. What there is too little of is None or noted: modes of ground without a toe, fits of fewer than
+    two failures, a correlation without spread.
+
+    Args:
+        campaign: whose rows these are.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+        phases: what its estimator takes from these rows; by default worked out from them.
+    """
+    phases = phases or phases_of(campaign, rough, refined)
+    slides = slides_of(campaign, phases, refined)
+    consequences = consequences_of(campaign, phases.estimate, refined, slides)
+    return Summary(
+        name=campaign.name,
+        probability=_probability(campaign, phases, rough, refined, slides),
+        modes=modes_of(phases.estimate, refined, slides),
+        consequences=consequences,
+        cost=_cost(campaign, phases, rough, refined),
+        warnings=tuple(warnings_of(campaign)),
+        notes=notes_of(campaign, phases, rough, refined, slides, consequences.cut_off),
+    )
+
+
+def _probability(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows, slides: Slides) -> FailureProbability:
+    estimate, path, limit = phases.estimate, phases.path, campaign.run.failure_displacement
+    return FailureProbability(
+        value=estimate.probability,
+        interval=estimate.interval,
+        level=estimate.level,
+        estimator=estimate.method,
+        coefficient_of_variation=_finite(estimate.cov),
+        runs=estimate.refined_runs,
+        unseen=estimate.unseen,
+        sampling_interval=estimate.sampling_interval,
+        audit_variance=estimate.audit_variance,
+        freedom=_finite(estimate.freedom),
+        others={other.method: OtherEstimate(other.probability, other.interval) for other in phases.beside},
+        convergence=Convergence(
+            refined_runs=tuple(step.refined_runs for step in path),
+            probability=tuple(step.probability for step in path),
+            low=tuple(step.interval[0] for step in path),
+            high=tuple(step.interval[1] for step in path),
+        ),
+        failures_rough=int(np.sum(rough.columns["displacement"] > limit)),
+        failures_refined=int(slides.failed.sum()),
+        grids=agreement_of(campaign, phases, rough, refined),
+        stands_for={
+            number: StandsFor(phases.answers[number], float(phases.weights[number]), float(slides.weight[at]))
+            for at, number in enumerate(refined.numbers)
+        },
+        failure_displacement=limit,
+        least_volume=campaign.failing_volume,
+        limit_load=campaign.measured.limit_load,
+        calibration=campaign.measured.calibration,
+        annual_frequency=campaign.plan.annual_frequency,
+    )
+
+
+def _cost(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> CampaignCost:
+    tables = {"rough": rough, "refined": refined}
+    return CampaignCost(
+        samples=len(rough.numbers),
+        planned_samples=phases.planned,
+        coarse_samples=phases.coarse_samples,
+        refined_runs=len(refined.numbers),
+        refined_runs_allowed=campaign.raised,
+        seconds={grid: float(np.sum(rows.columns["seconds"])) for grid, rows in tables.items()},
+        status={grid: dict(Counter(rows.columns["status"].tolist())) for grid, rows in tables.items()},
+        settle=campaign.run.settle is not None,
+        broke_off={grid: _broken(rows) for grid, rows in tables.items()},
+        finished=phases.why_finished,
+        after_more_runs=_after_more_runs(campaign, phases),
+    )
+
+
+def slides_of(campaign: Campaign, phases: Phases, refined: Rows) -> Slides:
+    """Which refined failures slid on to their end, and what each run stands for then.
+
+    Args:
+        campaign: whose runs these are.
+        phases: results of both phases.
+        refined: rows of the refined grid.
+    """
+    return Slides.of(phases, refined.numbers, refined.ended, campaign.plan.slides, campaign.plan.seed)
+
+
+def _after_more_runs(campaign: Campaign, phases: Phases) -> MoreRuns:
+    estimate, population = phases.estimate, phases.population
+    if population is None:
+        return MoreRuns(0, None, None, None)
+    # A sample at which a chain of subset simulation stood still has several positions.
+    remaining = np.setdiff1d(population.numbers, list(phases.answers)).size
+    budget = campaign.estimator.budget(population.size)
+    # Once the budget is spent the folder may allow more.
+    allowed = remaining if budget is None or phases.why_finished else max(budget - len(phases.answers), 0)
+    runs = min(MORE, remaining, allowed)
+    # Runs of a wave that is not complete do not count yet.
+    waiting = len(phases.answers) - estimate.refined_runs
+
+    def after(more: int) -> float | None:
+        if remaining and not estimate.audit_variance:
+            return None
+        more = waiting + more if more < remaining else population.size
+        return _finite(after_more_runs(estimate, more, samples=population.size))
+
+    return MoreRuns(runs, after(runs), remaining, after(remaining))
+
+
+def _broken(rows: Rows) -> dict[int, str]:
+    """Samples whose run broke off: why, and at which step."""
+    columns = rows.columns
+    return {
+        number: f"{status} at step {steps}"
+        for number, status, steps in zip(rows.numbers, columns["status"], columns["steps"], strict=True)
+        if status not in NOT_BROKEN
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def agreement_of(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Correlation | None:
+    """How well the grids agree, over all runs that have a class on both, by their weights in the audit.
+
+    Failures that ended before the end of their slide count too.
+
+    Args:
+        campaign: whose rows these are.
+        phases: results of both phases.
+        rough: rows of the rough grid.
+        refined: rows of the refined grid.
+    """
+    weights, classes = phases.weights, {n: phases.answer(*result) for n, result in rough.results.items()}
+    # A rough sample may lack while its damaged file waits to be redone.
+    both = [number for number in refined.numbers if weights[number] > 0 and classes.get(number) is not None]
+    if not both:
+        return None
+    return correlation(
+        _bounded(rough, both),
+        _bounded(refined, both),
+        np.array([weights[number] for number in both]),
+        failure_displacement=campaign.run.failure_displacement,
+    )
+
+
+def _bounded(rows: Rows, numbers: list[int]) -> np.ndarray:
+    """Largest displacement of these samples (n,) m.
+
+    Runs that ended once they had failed, or broke off, would have moved farther, so it is unknown which of those beyond
+    the least of them moved farthest: they are all alike.
+    """
+    at = np.isin(rows.numbers, numbers)
+    displacement, cut = rows.columns["displacement"][at], (~rows.ended | rows.columns["broke_off"].astype(bool))[at]
+    return np.minimum(displacement, displacement[cut].min(initial=np.inf))
