@@ -29,6 +29,7 @@ from .runs import GridModel, Stopped, build, coefficients_of, dask_executor, pha
 from .scene import (
     Campaign,
     CrossCorrelation,
+    Grid,
     Hazard,
     Measured,
     Plan,
@@ -56,6 +57,7 @@ __all__ = [
     "Estimate",
     "Estimator",
     "FailureMode",
+    "Grid",
     "GridModel",
     "Hazard",
     "Maps",

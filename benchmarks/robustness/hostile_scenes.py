@@ -101,7 +101,7 @@ def scenes(count: int, seed: int = 0) -> Iterator[str]:
 def _change(scene: dict[str, Any], generator: random.Random) -> None:
     """One change: a key gone, unknown or odd; a table gone, unknown or no table."""
     section = generator.choice([name for name in TABLES if name not in LATER])
-    table, keys = scene.get(section), list(TABLES[section].model_fields)
+    table, keys = scene.get(section), list(tables.keys(TABLES[section]))
     kind = generator.random()
     if not isinstance(table, dict):
         scene[section] = {}

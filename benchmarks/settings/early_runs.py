@@ -135,8 +135,9 @@ def _rows(case: Case, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     watched = Watched(model.scene, Early(run.t_end), run.failure_displacement, campaign.failing_volume)
     strengths = (model.varied(jnp.asarray(coefficients[sample]))["strength"] for sample in numbers)
     for sample, result in solve_each(
-        model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=run.t_end, settle=run.settle,
-        stop_at=run.failure_displacement, least_volume=campaign.failing_volume, observe=watched.observe,
+        model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=run.t_end,
+        settle=run.settling, stop_at=run.failure_displacement, least_volume=campaign.failing_volume,
+        observe=watched.observe,
     ):  # fmt: skip
         displacement = float(farthest(model.scene, result.state, None, campaign.failing_volume))
         steps, status = int(result.state.step), Status(int(result.status)).name

@@ -67,8 +67,8 @@ def main() -> None:
 def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     scene, grid, spacing, cfl, until = variant
     campaign = study(scene)
-    shape = replace(campaign.grids[grid], spacing=(spacing, spacing), cfl=cfl)
-    campaign = replace(campaign, rough=shape) if grid == "rough" else replace(campaign, refined=shape)
+    varied = replace(getattr(campaign, grid), spacing=(spacing, spacing), cfl=cfl)
+    campaign = replace(campaign, **{grid: varied})
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
     model = runs.build(campaign, grid, soil)

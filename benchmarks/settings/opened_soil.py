@@ -176,7 +176,7 @@ def run_watched(model: GridModel, sample: int) -> tuple[Sample, str]:
         if state.gap is not None:
             widest = np.maximum(widest, np.asarray(state.gap, float))
 
-    result, past = followed(model, coefficients, run.t_end, run.settle, look)
+    result, past = followed(model, coefficients, run.t_end, run.settling, look)
     answer = runs.finished(model, sample, coefficients, result, 0.0, past)
     if result.state.gap is None:
         return answer, ""

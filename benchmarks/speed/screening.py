@@ -108,7 +108,7 @@ def early_stop_effect(campaign: Any, count: int) -> list[dict[str, Any]]:
     """The same samples run to the end, until settled, and until settled or decided: ranks, classes, steps."""
     limit = campaign.run.failure_displacement
     plan = replace(campaign.plan, screening_stop=None)
-    to_the_end = replace(campaign, run=replace(campaign.run, settle=None), plan=plan)
+    to_the_end = replace(campaign, run=replace(campaign.run, settle=False), plan=plan)
     variants = {
         "run to t_end": to_the_end,
         "settled lanes end": replace(campaign, plan=replace(campaign.plan, screening_stop=None)),

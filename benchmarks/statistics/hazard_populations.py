@@ -115,7 +115,7 @@ def campaign_of(name: str) -> Campaign:
         return parse(SOLID)
     campaign = scene_campaign("paper_section")
     plan, run = replace(campaign.plan, samples=SAMPLES), replace(campaign.run, t_end=SLID)
-    return replace(campaign, plan=plan, run=run, hazard=Hazard((0.5, 1.0), (1.0,), 20, ()))
+    return replace(campaign, plan=plan, run=run, hazard=Hazard(("0.5 m", "1 m", "1 m/s"), 20))
 
 
 def _run(name: str, model: runs.GridModel, coefficients: np.ndarray, numbers: np.ndarray) -> Iterator[Sample]:

@@ -11,6 +11,7 @@ import shapely
 
 from cooperative.measure._vulnerability import Intensity, Vulnerability
 from jaxmpm import Face
+from jaxmpm.support.check import Invalid
 
 UNITS: dict[str, tuple[Intensity, float]] = {
     "m": ("thickness", 1.0),
@@ -144,30 +145,29 @@ class ElementAtRisk:
         return shapely.area(shapely.intersection(boxes, polygon)) > TOUCH * plan.area
 
 
-def quantity(where: str, given: object) -> tuple[Intensity, float]:
+def quantity(text: object) -> tuple[Intensity, float]:
     """Quantity and size of a text such as "0.5 m" or "2 m/s".
 
     Args:
-        where: key of the scene, in messages.
-        given: the text.
+        text: a number and its unit.
 
     Returns:
         "thickness" or "speed", and how much of it in m or m/s.
 
     Raises:
-        ValueError: a number without a unit, an unknown unit, or a number that is below 0 or not finite.
+        Invalid: a number without a unit, an unknown unit, or a number that is below 0 or not finite.
     """
     known = ", ".join(UNITS)
-    words = given.split() if isinstance(given, str) else []
+    words = text.split() if isinstance(text, str) else []
     if len(words) != 2 or words[1] not in UNITS:
-        lacks = "has no unit" if isinstance(given, int | float) or len(words) == 1 else "is no number and unit"
-        raise ValueError(f'{where} = {given!r} {lacks}: give one of {known}, as in "0.5 m" or "2 m/s"')
+        lacks = "has no unit" if isinstance(text, int | float) or len(words) == 1 else "is no number and unit"
+        raise Invalid((), repr(text), lacks, f'give one of {known}, as in "0.5 m" or "2 m/s"')
     try:
         number = float(words[0])
     except ValueError:
         number = np.nan
     if not 0 <= number < np.inf:
-        raise ValueError(f"{where} = {given!r}: give a finite number of 0 or more, and one of {known}")
+        raise Invalid((), repr(text), "", f"give a finite number of 0 or more, and one of {known}")
     of, size = UNITS[words[1]]
     return of, number * size
 

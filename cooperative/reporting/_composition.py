@@ -227,7 +227,7 @@ def moments(model: runs.GridModel, sample: Sample) -> runs.Frames:
     run = model.campaign.run
     varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(
-        model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settle, slides_end=model.slides_end,
+        model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settling, slides_end=model.slides_end,
         least_volume=model.campaign.failing_volume, observe=look,
     ):  # fmt: skip
         end = int(result.state.step) * float(result.time_step)

@@ -296,7 +296,7 @@ def _group(part: Part, names: tuple[str, ...], correlated: CrossCorrelation | No
 
 def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion:
     """Of as many modes as hold the field's energy, or of `count` if these hold it but for rounding."""
-    expand = partial(kl.expand, field.covariance, *box, bedding=field.bedding)
+    expand = partial(kl.expand, field.covariance, *box, bedding=field.strata)
     own = expand(energy=field.energy)
     if count is None or count == own.modes:
         return own

@@ -94,7 +94,7 @@ def run_samples(
     ):  # fmt: skip
         lane = under_way.lanes.pop(number)
         seconds = lane.before + under_way.lap()
-        motion = lane.motion if model.grid in model.campaign.plan.modes else None
+        motion = lane.motion if model.grid in model.campaign.modes else None
         yield finished(model, number, coefficients[number], result, seconds, motion, lane.frames)
     if left_out:
         raise Stopped

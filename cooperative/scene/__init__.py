@@ -1,7 +1,8 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
 from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_samples
-from cooperative.scene._fields import CONTACT, TAIL, CrossCorrelation, RandomField
+from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
+from cooperative.scene._fields import CONTACT, CrossCorrelation, RandomField, TAIL
 from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
     doubts,
@@ -16,7 +17,6 @@ from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import national_origin
 from cooperative.scene._remarks import remarks
-from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer, check_seams
 from cooperative.scene._stored import (
     campaign_of,
@@ -32,7 +32,23 @@ from cooperative.scene._stored import (
 from cooperative.scene._typed import built, parse, read_scene
 from cooperative.scene._variants import BASE, RANKED, Variant, campaigns_of, variants, with_measured_of_base
 from cooperative.scene._varied import SCALES, SCENARIO, changed
-from cooperative.scene.tables import Budget, Calibration, LimitLoad, Measured
+from cooperative.scene.tables import (
+    CONTACT,
+    TAIL,
+    Bedding,
+    Budget,
+    Calibration,
+    CrossCorrelation,
+    Exposed,
+    Grid,
+    Hazard,
+    LimitLoad,
+    Measured,
+    Motion,
+    Plan,
+    RandomField,
+    Run,
+)
 
 __all__ = [
     "BASE",
@@ -43,15 +59,19 @@ __all__ = [
     "SEVERAL",
     "TABLES",
     "TAIL",
+    "Bedding",
     "Budget",
     "Calibration",
     "Campaign",
     "CrossCorrelation",
+    "Exposed",
     "Files",
     "Given",
+    "Grid",
     "Hazard",
     "LimitLoad",
     "Measured",
+    "Motion",
     "Plan",
     "RandomField",
     "Run",

@@ -5,102 +5,46 @@ Nothing in it changes.
 
 from __future__ import annotations
 
-import copyreg
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from types import MappingProxyType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, Self
 
 import numpy as np
 import shapely
-from jax import Array
-from jax.typing import ArrayLike
+from pydantic import SkipValidation
+from pydantic import model_validator as validates
+from pydantic_core import ArgsKwargs
 
-import kl
 from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import ElementAtRisk
-from cooperative.scene import tables
-from cooperative.scene._fields import TAIL, CrossCorrelation, RandomField, check_cross_correlation
-from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer, check_seams, check_site
-from cooperative.scene.tables import Budget, Measured
+from cooperative.scene.tables import (
+    TAIL,
+    Budget,
+    CrossCorrelation,
+    Exposed,
+    Grid,
+    Hazard,
+    Measured,
+    Motion,
+    Part,
+    Plan,
+    RandomField,
+    Run,
+    check_cross_correlation,
+    table,
+)
 from cooperative.store import Source
-from jaxmpm import Discretisation, Settle, ground
+from jaxmpm import BaseMotion, Discretisation, Settle, ground
 from jaxmpm.run import least_failing_volume
 from jaxmpm.soil import AnySoil
 
-V = TypeVar("V")
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
 THICKNESSES = 3.0
 """Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
-
-
-def _read_only(values: dict[str, V]) -> MappingProxyType[str, V]:
-    return MappingProxyType(values)
-
-
-# Python does not pickle read-only mappings, which campaigns and layers have, nor their type.
-copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What the campaign does: samples and their coefficients, lanes of the screening, what is stored.
-
-    Args:
-        samples: of the first phase.
-        rough_samples: of these, how many run on the rough grid, drawn by the coarse one; None where all do.
-        seed: of their coefficients.
-        coefficients: (key, samples, terms) -> (samples, terms), `kl.latin_hypercube`, `monte_carlo` or `sobol`.
-        lanes: samples in one program at a time; None takes 1 on CPU, where lanes gain nothing, and 64 elsewhere.
-        look_ahead: refined runs under way at once, in rank order; the answer depends on neither.
-        screening_stop: displacement (m) at which a rough run is decided and ends, None runs it to its end.
-        calibrate: measure the factors of safety of both grids first, and bring the rough strength down (or up) by them.
-        valley: a slide is progressive where the rate at which soil lets go falls between two peaks to this share of the
-            lesser one.
-        restart_every: seconds of wall time after which a refined run writes a restart point, and again after as many.
-        fields: grids whose final displacement and plastic strain are stored, and two frames of a failure.
-        modes: grids whose failures get a mode, on ground that has a toe.
-        slides: how many failures slide on to their end, drawn along the ranks among all samples; the other refined runs
-            end once they have failed, which is all that the probability asks. None lets all failures of the audit
-            slide, 0 none.
-        annual_frequency: how often a year the trigger that the scene has comes, None where that is not known.
-    """
-
-    samples: int
-    rough_samples: int | None = None
-    seed: int = 0
-    coefficients: Callable[[Array, int, int], ArrayLike] = kl.latin_hypercube
-    lanes: int | None = None
-    look_ahead: int = 1
-    screening_stop: float | None = None
-    calibrate: bool = False
-    restart_every: float = 600.0
-    valley: float = 0.5
-    fields: tuple[str, ...] = ("refined",)
-    modes: tuple[str, ...] = ("refined",)
-    slides: int | None = None
-    annual_frequency: float | None = None
-
-
-@dataclass(frozen=True)
-class Hazard:
-    """What is stored of each refined slide for maps.
-
-    Args:
-        thickness: thresholds (m) whose exceedance is mapped.
-        speed: thresholds (m/s) whose exceedance is mapped.
-        every: steps from one look at the columns of cells to the next.
-        places: elements at risk.
-    """
-
-    thickness: tuple[float, ...]
-    speed: tuple[float, ...]
-    every: int
-    places: tuple[ElementAtRisk, ...]
 
 
 @dataclass(frozen=True)
@@ -125,29 +69,31 @@ class Given:
         raise ValueError(f"the campaign's {self.what} is {self.words}, which a script gave: {remedy}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Campaign:
-    """A campaign, written in Python or read from a scene; nothing in it changes.
+@table
+class Campaign(Part):
+    """A campaign, written in Python or read from a scene.
 
     Args:
         ground: where soil slides: a `jaxmpm.Slope`, `Section` or `Terrain`, a class of one's own that meets
             `jaxmpm.Ground`, or a `Site` with layers and water.
         soil: what slides, with the means of what varies, where a layer does not have its own: a `jaxmpm.Soil`,
             `FrictionalSoil`, or a frozen dataclass of one's own that meets `jaxmpm.soil.AnySoil`.
-        rough: discretisation of the rough grid; single precision unless it has a `dtype`.
-        refined: discretisation of the refined grid, likewise.
-        coarse: discretisation of a grid coarser than the rough one, on which all samples run first, or None for none.
+        rough: the rough grid.
+        refined: the refined grid.
         plan: samples, seed, and what the campaign does.
         random: what varies, by parameter of the soil.
         cross_correlation: of what varies, None without.
         run: how each sample runs.
+        motion: record of an earthquake that shakes the base, None for none.
         estimator: which refined runs there are and what is made of them: one of `cooperative`, or a frozen dataclass
             with the methods of `cooperative.Estimator`.
-        hazard: what is stored of slides for maps and elements at risk, None for neither.
+        hazard: what is stored of slides for maps, None where there are neither maps nor elements at risk.
+        exposed: elements at risk.
+        coarse: a grid coarser than the rough one, on which all samples run first, or None for none.
         name: of the campaign, one line.
         measured: terms, factors of safety and limit load that are known; a folder adds what it has measured.
         raised: refined runs that the campaign's folder allows beyond the estimator's.
-        source: what it was read from, nothing where Python wrote or changed it.
+        source: what it was read from, nothing where Python wrote it. What is changed after that keeps it.
 
     Raises:
         ValueError: numbers out of range, or parts that do not go together.
@@ -155,41 +101,44 @@ class Campaign:
 
     ground: Any
     soil: Any
-    rough: Discretisation
-    refined: Discretisation
+    rough: Grid
+    refined: Grid
     plan: Plan
-    random: Mapping[str, RandomField] = field(default_factory=dict)
+    random: dict[str, RandomField] = field(default_factory=dict)
     cross_correlation: CrossCorrelation | None = None
     run: Run = Run()
-    estimator: Estimator = TwoPhase()
+    motion: Motion | None = None
+    estimator: SkipValidation[Estimator] = TwoPhase()
     hazard: Hazard | None = None
-    coarse: Discretisation | None = None
+    exposed: tuple[Exposed, ...] = ()
+    coarse: Grid | None = None
     name: str = "campaign"
     measured: Measured = Measured()
     raised: Budget | None = None
-    source: Source = field(default=Source(None), init=False, repr=False, compare=False)
+    source: SkipValidation[Source] = field(default=Source(None), repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        """Put the ground into a site, means into the soil, a limit load into the run, and check what goes together."""
-        if not isinstance(self.ground, Site | Given):
-            object.__setattr__(self, "ground", Site(self.ground))
-        for grid, numerics in self.grids.items():
-            if numerics.dtype is None:
-                object.__setattr__(self, grid, replace(numerics, dtype="float32"))
-        object.__setattr__(self, "random", MappingProxyType(dict(self.random)))
-        if self.measured.limit_load is not None:
-            object.__setattr__(self, "run", self.run.failing_at(self.measured.limit_load))
-        if isinstance(self.ground, Given) or isinstance(self.site.shape, Given) or isinstance(self.soil, Given):
-            return  # of a folder whose script is not here, and checked when it began
-        ground.check_ground(self.site.shape)
-        object.__setattr__(self, "soil", _with_means(self.soil, self.random))
-        if self.plan.slides == 0 or self.site.shape.face is None:
-            object.__setattr__(self, "plan", replace(self.plan, modes=()))
-        check_campaign(self)
+    @validates(mode="before")
+    @classmethod
+    def _completed(cls, given: ArgsKwargs | dict[str, Any]) -> dict[str, Any]:
+        """Complete what was given: ground alone is a site, soil has the means of what varies, a run its limit load."""
+        values = dict(given if isinstance(given, dict) else given.kwargs or {})
+        site, random, measured = (values.get(name) for name in ("ground", "random", "measured"))
+        if site is not None and not isinstance(site, Site | Given):
+            values["ground"] = Site(site)
+        if isinstance(measured, Measured) and measured.limit_load is not None:
+            values["run"] = values.get("run", Run()).failing_at(measured.limit_load)
+        if is_dataclass(values.get("soil")) and random:
+            values["soil"] = _with_means(values["soil"], random)
+        if values.get("exposed") and values.get("hazard") is None:
+            values["hazard"] = Hazard()
+        return values
 
-    def made_from(self, source: Source) -> Campaign:
-        """The campaign, newly made, with what it was read from; `replace` leaves that out of what it makes."""
-        object.__setattr__(self, "source", source)
+    @validates(mode="after")
+    def _together(self) -> Self:
+        """Check what goes together, but for a folder whose script is not here, and which was checked when it began."""
+        if not (isinstance(self.ground, Given) or isinstance(self.site.shape, Given) or isinstance(self.soil, Given)):
+            ground.check_ground(self.site.shape)
+            check_campaign(self)
         return self
 
     @property
@@ -198,19 +147,42 @@ class Campaign:
         site: Site = self.ground
         return site
 
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Grids whose failures get a mode: none where no slide comes to its end, or the ground has no toe."""
+        return () if self.plan.slides == 0 or self.site.shape.face is None else self.plan.modes
+
+    @cached_property
+    def shaking(self) -> BaseMotion | None:
+        """The motion of the base along the axes of the ground (m/s2), None for none."""
+        return None if self.motion is None else self.motion.of_base(self.dimension)
+
+    @property
+    def loads(self) -> dict[str, Any]:
+        """What loads the ground, as `jaxmpm.ground.build_ground` takes it; None for what is absent."""
+        run = self.run
+        return {"gravity": run.gravity, "k_h": run.k_h or None, "k_v": run.k_v or None, "motion": self.shaking}
+
     def settles(self, stop_at: float | None) -> Settle | None:
         """When one of its runs has settled; None for never.
 
         Args:
             stop_at: displacement (m) that decides its class, None where more than the class is asked for.
         """
-        return self.run.settles(stop_at, self.site.softens_linearly(self.soil))
+        return self.run.settling_early(
+            stop_at, softens=self.site.softens_linearly(self.soil), shaken=self.motion is not None
+        )
 
-    @property
+    @cached_property
     def grids(self) -> Mapping[str, Discretisation]:
         """Discretisation of "rough" and "refined", and of "coarse" before them where there is such a grid."""
-        coarse = {} if self.coarse is None else {"coarse": self.coarse}
-        return {**coarse, "rough": self.rough, "refined": self.refined}
+        named = {"coarse": self.coarse, "rough": self.rough, "refined": self.refined}
+        endless = self.site.ends in ("tied", "free field")
+        return {
+            name: grid.discretisation(self.run.cfl, self.soil, endless=endless)
+            for name, grid in named.items()
+            if grid is not None
+        }
 
     @property
     def dimension(self) -> int:
@@ -219,8 +191,8 @@ class Campaign:
 
     @property
     def elements_at_risk(self) -> tuple[ElementAtRisk, ...]:
-        """The elements at risk; none where the campaign has no hazard."""
-        return self.hazard.places if self.hazard else ()
+        """The elements at risk; none where the campaign has none."""
+        return tuple(exposed.element for exposed in self.exposed)
 
     @cached_property
     def failing_volume(self) -> float | None:
@@ -285,13 +257,13 @@ def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     check_site(campaign.site, campaign.soil)
     run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
-    for argument, table, value in (("run", tables.Run, run), ("plan", tables.Campaign, plan)):
-        numbers = {name: each for name, each in vars(value).items() if isinstance(each, int | float)}
-        try:
-            tables.read(table, {name: each for name, each in numbers.items() if name in table.model_fields})
-        except ValueError as error:
-            raise ValueError(f"Campaign({argument}={type(value).__name__}(...)): {error}") from error
-    run.check(campaign.dimension, campaign.site.softens_linearly(campaign.soil))
+    run.check_early(softens=campaign.site.softens_linearly(campaign.soil), shaken=campaign.motion is not None)
+    if campaign.shaking is not None and (duration := float(campaign.shaking.duration)) > run.t_end * (1 + 1e-6):
+        raise ValueError(
+            f"the motion of the base lasts {duration:g} s, beyond t_end = {run.t_end:g} s at which runs end: give "
+            f"t_end = {duration:g} or more, or cut the record"
+        )
+    _check_elements(campaign.elements_at_risk)
     own_start = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
     own_start += [] if campaign.site.level is None else ["water level"]
     if campaign.site.ends == "free field" and own_start:
@@ -329,11 +301,22 @@ def check_campaign(campaign: Campaign) -> None:
             raise ValueError(
                 f"the {wide} grid has cells of {large:g} m, the {fine} one of {small:g} m: give [{wide}] larger cells"
             )
-    if plan.screening_stop is not None and "rough" in plan.modes:
+    if plan.screening_stop is not None and "rough" in campaign.modes:
         raise ValueError(
             f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "
             "for modes of the refined grid alone"
         )
+
+
+def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:
+    """Raise ValueError for elements at risk that rows cannot tell apart."""
+    keys = [element.key for element in elements]
+    for element in elements:
+        if not element.key or keys.count(element.key) > 1:
+            raise ValueError(
+                f"[[exposed]] name = {element.name!r} is there {keys.count(element.key)} times as {element.key!r}: "
+                "give each its own, with letters or digits"
+            )
 
 
 def _check_weights(campaign: Campaign) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, cast
 
 from cooperative.scene import tables
-from cooperative.scene._fields import LIMITS, RandomField, Span
 from cooperative.scene._plausible import ask, ask_of_field
 from cooperative.scene._site import Site
 from jaxmpm import Interface, Section, Terrain
@@ -41,15 +39,14 @@ def interface_of(table: tables.Ground | tables.Terrain) -> tables.Interface | No
 
 
 def fields_of(
-    where: str, table: tables.Interface | None, field_of: Callable[[tables.Varying], RandomField], span: Span,
-    *, unusual: bool,
-) -> dict[str, RandomField]:  # fmt: skip
+    where: str, table: tables.Interface | None, downhill: int, span: tables.Span, *, unusual: bool
+) -> dict[str, tables.RandomField]:
     """What varies in an interface, by the names that a campaign has for it.
 
     Args:
         where: table of the ground, for messages.
         table: of the interface.
-        field_of: gives the field of a table.
+        downhill: direction along x in which the ground falls, 1 or -1.
         span: elevations of the ground (m).
         unusual: whether numbers may look like another unit.
 
@@ -58,11 +55,11 @@ def fields_of(
     """
     random = {}
     for name, value in table or ():
-        if isinstance(value, tables.Varying):
-            field, label = field_of(value), f"[{where}.interface.{name}]"
+        if isinstance(value, tables.RandomField):
+            field, label = value.dipping(downhill), f"[{where}.interface.{name}]"
             if not unusual:
                 ask_of_field(label, name, field, "[soil]")
-            field.check(label, LIMITS[name], span)
+            field.check(label, tables.LIMITS[name], span)
             random[f"interface_{name}"] = field
         elif isinstance(value, float) and not unusual:
             ask(f"[{where}.interface] {name}", name, value)
@@ -82,7 +79,7 @@ def on_ground(site: Site, table: tables.Interface | None, soil: AnySoil) -> Site
     """
     if table is None:
         return site
-    values = {name: value.mean if isinstance(value, tables.Varying) else value for name, value in table}
+    values = {name: value.mean if isinstance(value, tables.RandomField) else value for name, value in table}
     rock = [each.rock for each in site.layers] or [False]
     soils = [each.soil for each, stands in zip(site.soils(soil), rock, strict=True) if not stands]
     follows = [name for name in STRENGTHS if values[name] == OF_SOIL]

@@ -23,10 +23,10 @@ from cooperative.laboratory import read_rows
 from cooperative.scene import tables
 from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import shift_of
-from cooperative.scene._shaking import AXES
 from cooperative.scene._vector import Feature, read_features
 from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
 from jaxmpm.support import check
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
 
 T = TypeVar("T")
@@ -85,7 +85,7 @@ class Files:
             outline: whether it may hold a closed outline, whose upper edge is the line.
 
         Raises:
-            ValueError: it has none; the text is the end of a message.
+            ValueError: it has none.
         """
         drawing = re.fullmatch(r"(.+?\.dxf)#(.+)", name, re.IGNORECASE)
         path, *layer = (name,) if drawing is None else drawing.groups()
@@ -149,7 +149,7 @@ class Files:
         known = next((each for each, factor in tables.ACCELERATIONS.items() if factor == unit), "m/s2")
 
         def read() -> BaseMotion:
-            return read_motion(self._path(name), axes=AXES, unit=known, scale=1 / tables.ACCELERATIONS[known])
+            return read_motion(self._path(name), axes=tables.AXES, unit=known, scale=1 / tables.ACCELERATIONS[known])
 
         return self._content(name, BaseMotion, read)
 
@@ -159,7 +159,7 @@ class Files:
             try:
                 self.known[name] = read()
             except ValueError as error:
-                raise ValueError(f": {error}{_of_backslash(name)}") from error
+                raise ValueError(f"{error}{_of_backslash(name)}") from error
         content = self.known.get(name)
         if not isinstance(content, kind):
             raise _not_read(name, remedy)
@@ -199,8 +199,8 @@ def _of_backslash(name: str) -> str:
     return "; its name has a backslash, or a special character that one gave: write folders of a path with / in between"
 
 
-def _not_read(name: str, remedy: str) -> ValueError:
-    return ValueError(f" = {shown(name)} is no file that was read with the scene: {remedy}")
+def _not_read(name: str, remedy: str) -> Invalid:
+    return Invalid((), shown(name), "is no file that was read with the scene", remedy)
 
 
 def to_toml(scene: Mapping[str, object]) -> str:
@@ -291,7 +291,7 @@ def _record(table: Any) -> BaseMotion:
     samples, interval = table["samples"], float(table["interval"])
     if not (isinstance(samples, int) and 2 <= samples <= MOST_SAMPLES and 0 < interval < np.inf):
         raise ValueError(f"{shown(samples)} samples, each {interval:g} s")
-    values = from_text(table["acceleration"], "<f4", (len(AXES), samples))
+    values = from_text(table["acceleration"], "<f4", (len(tables.AXES), samples))
     if not np.isfinite(values).all():
         raise ValueError("numbers that are not finite")
     return BaseMotion(jnp.asarray(values), jnp.asarray(interval))

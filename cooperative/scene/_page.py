@@ -15,14 +15,14 @@ from cooperative.scene import tables
 from cooperative.scene._files import toml_value
 from jaxmpm.support.files import write_aside
 
-TABLES: Mapping[str, type[tables.Table]] = {
+TABLES: Mapping[str, type[tables.Keyed]] = {
     name: table
-    for name, field in tables.Scene.model_fields.items()
-    if name not in tables.STORED and (table := tables.table_in(field)) is not None and issubclass(table, tables.Table)
+    for name, field in tables.keys(tables.Scene).items()
+    if name not in tables.STORED and (table := tables.table_in(field)) is not None
 }
 """The tables that a scene may have, by name."""
 SEVERAL = tuple(
-    name for name in TABLES if any(get_origin(each) is list for each in tables.parts(tables.Scene.model_fields[name]))
+    name for name in TABLES if any(get_origin(each) is list for each in tables.parts(tables.keys(tables.Scene)[name]))
 )
 """Tables of which there may be several: `[[layer]]`."""
 
@@ -58,18 +58,18 @@ def markdown() -> str:
         "`jaxmpm new` and `jaxmpm example` write it beside the scene, whose first line is",
         f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.\n",
     ]
-    explained: set[type[tables.Table]] = set()
+    explained: set[type[tables.Keyed]] = set()
     for section, table in TABLES.items():
         brackets = 2 if section in SEVERAL else 1
-        own = tables.Scene.model_fields[section].description
-        words = " ".join((own or table.__doc__ or "").split())
+        own = tables.keys(tables.Scene)[section].description
+        words = " ".join((own or tables.schema_of(table)["description"]).split())
         parts += [f"## `{'[' * brackets}{section}{']' * brackets}`\n", words + "\n"]
         if table in explained:
             continue
         explained.add(table)
         schema = tables.schema_of(table)
         parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
-        left_out = tables.Soil.model_fields if table is tables.Layer else ()
+        left_out = tables.keys(tables.Soil) if table is tables.Layer else ()
         parts += [
             _row(name, each, _allowed(table, name, each), required=name in schema.get("required", ()))
             for name, each in schema["properties"].items()
@@ -83,11 +83,11 @@ def _unit(schema: tables.Schema) -> str:
     return str(schema.get("units") or tables.first_entry(schema, "unit", ""))
 
 
-def _allowed(table: type[tables.Table], name: str, schema: tables.Schema) -> str:
+def _allowed(table: type[tables.Keyed], name: str, schema: tables.Schema) -> str:
     """What a key may hold; of a table of its own, what that one's keys may."""
-    inner = tables.table_in(table.model_fields[name])
+    inner = tables.table_in(tables.keys(table)[name])
     words = "a table" if "$ref" in schema else tables.wanted(schema)
-    if inner is None or inner is tables.Varying or not words.endswith("a table"):
+    if inner is None or inner is tables.RandomField or not words.endswith("a table"):
         return words
     keys = tables.schema_of(inner)["properties"].items()
     return f"{words}: " + "; ".join(f"`{key}` {tables.wanted(each)} ({_unit(each) or '-'})" for key, each in keys)

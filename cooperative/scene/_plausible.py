@@ -6,9 +6,11 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from cooperative.scene._fields import LIMITS, RandomField
+import numpy as np
+
+from cooperative.scene.tables import ACCELERATIONS, LIMITS, Motion, RandomField
 from jaxmpm import Ground, ground
-from jaxmpm.soil import Plausible, unit_slip
+from jaxmpm.soil import STANDARD_GRAVITY, Plausible, unit_slip
 
 ON_PURPOSE = "If it is meant as it is, give unusual = true in {}"
 """The remedy of a number that is unusual, with the table in which to declare it."""
@@ -109,4 +111,27 @@ def ask_of_ground(where: str, shape: Ground, displacement: float) -> None:
         raise ValueError(
             f"[{where}] has heights z up to {base + edge:g} m and a slope {relief:g} m high, above {HIGHEST:g} m: were "
             f"mm or cm meant? {ON_PURPOSE.format('[soil]')}"
+        )
+
+
+WEAKEST, STRONGEST = 0.3, 30.0
+"""Peak acceleration (m/s2) between which an unscaled record is plausible: 0.03 g, which moves no slope, and 3 g."""
+
+
+def ask_of_record(motion: Motion) -> None:
+    """Check the peak of a record.
+
+    Args:
+        motion: of the base.
+
+    Raises:
+        ValueError: it betrays another unit.
+    """
+    peak = float(np.abs(motion.acceleration).max())
+    if 0 < peak < WEAKEST or peak > STRONGEST:
+        name = next(name for name, factor in ACCELERATIONS.items() if factor == motion.record_unit)
+        raise ValueError(
+            f"[motion] record reaches {peak:.3g} m/s2 by record_unit = {name!r}, {peak / STANDARD_GRAVITY:.2g} times "
+            f"gravity, and {WEAKEST:g} to {STRONGEST:g} m/s2 are usual: was another unit meant? "
+            + ON_PURPOSE.format("[soil]")
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from cooperative.estimate import Subset, SubsetPlan
 from cooperative.scene._campaign import Campaign
-from cooperative.scene._fields import RandomField
+from cooperative.scene.tables import RandomField
 from jaxmpm import FrictionalSoil, Raster, ground
 from jaxmpm.ground import as_section
 from jaxmpm.support.text import shown

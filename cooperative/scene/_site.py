@@ -6,13 +6,12 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from cooperative.measure import Track
-from cooperative.scene._fields import CONTACT, LIMITS, RandomField, Span, StrengthByStress
-from cooperative.scene.tables import RandomLevel
+from cooperative.scene.tables import CONTACT, LIMITS, RandomField, RandomLevel, Span
 from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
 from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
@@ -20,6 +19,13 @@ from jaxmpm.support.text import shown
 
 Water = float | tuple[tuple[float, float], ...] | Raster
 """Level (m), points (x, z) m or heights (m) of a water table."""
+
+
+class StrengthByStress(NamedTuple):
+    """Undrained strength as a ratio of the effective vertical stress at rest, of `minimum` (Pa) at least."""
+
+    ratio: float
+    minimum: float
 
 
 @dataclass(frozen=True)
@@ -198,7 +204,7 @@ class Site:
         """What varies, by parameter in the order of `LIMITS`: of the whole scene, then of the first layer."""
         own = {name: each.random[name] for each in reversed(self.layers) for name in each.own}
         every = {**own, **random}
-        return MappingProxyType({name: every[name] for name in LIMITS if name in every})
+        return {name: every[name] for name in LIMITS if name in every}
 
     def spans(self, parameter: str) -> bool:
         """Whether a parameter that varies has a field that goes through layers.

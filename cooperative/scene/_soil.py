@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, replace
-from types import MappingProxyType
-from typing import Any, cast
+from typing import Any, TypeGuard, cast
 
-import kl
 from cooperative.scene import tables
-from cooperative.scene._fields import LIMITS, RandomField, Span
 from cooperative.scene._plausible import ON_PURPOSE, ask, ask_of_field
 from cooperative.scene._site import SiteLayer
+from cooperative.scene.tables import LIMITS, RandomField, Span
 from jaxmpm import FrictionalSoil, Layer, Raster, Soil
 from jaxmpm.support.text import shown
 
@@ -38,13 +36,13 @@ Label = Callable[[str], str]
 """Gives the name of a parameter as messages have it: with the table of the scene in which it stands."""
 
 
-def _in_scene(soil: tables.Soil, strength: tables.Varying | None) -> Label:
+def _in_scene(soil: tables.Soil, strength: RandomField | None) -> Label:
     """Names of the parameters that stand in `[soil]`, or `[strength]`."""
 
     def label(name: str) -> str:
         if name == "strength" and strength is not None:
             return "[strength]"
-        return f"[soil.{name}]" if isinstance(getattr(soil, name), tables.Varying) else f"[soil] {name}"
+        return f"[soil.{name}]" if isinstance(getattr(soil, name), RandomField) else f"[soil] {name}"
 
     return label
 
@@ -109,8 +107,8 @@ def _soil_of(
     values, random, unusual = dict(table), {}, table.unusual
     _check_kind(values, table.model_fields_set, label, home)
     for name, value in table:
-        if isinstance(value, tables.Varying):
-            random[name] = field_of(value, downhill)
+        if isinstance(value, RandomField):
+            random[name] = value.dipping(downhill)
             if not unusual:
                 ask_of_field(label(name), name, random[name], home)
             random[name].check(label(name), LIMITS[name], span)
@@ -125,7 +123,7 @@ def _soil_of(
             )
     _check_saturated(values, random, label, home)
     _check_friction(values, random, span, label)
-    return _built(values, height), MappingProxyType({name: random[name] for name in LIMITS if name in random})
+    return _built(values, height), {name: random[name] for name in LIMITS if name in random}
 
 
 def _soil_of_layer(
@@ -154,16 +152,16 @@ def _soil_of_layer(
     if lacking := [key for key in ("unit_weight", "young", "poisson") if key not in merged]:
         raise ValueError(f"neither it nor [soil] gives {', '.join(lacking)}: add it")
     for name, value in own.items():
-        if isinstance(value, tables.Table):
+        if _varies(value):
             stops = _of_its_own(layer, name)
             # Measured values, and errors of estimates, are of one field.
             left_out = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov") if stops else ()
             below = whole.get(name)
-            inherited = _given(below) if isinstance(below, tables.Table) else {}
+            inherited = _given(below) if _varies(below) else {}
             merged[name] = {key: each for key, each in inherited.items() if key not in left_out} | _given(value)
             if stops and "length" not in stops:
                 raise ValueError(f"{name} has {stops[0]}, which is of a field of its own: give its length here too")
-    if layer.rock and (varies := [key for key, value in own.items() if isinstance(value, tables.Table)]):
+    if layer.rock and (varies := [key for key, value in own.items() if _varies(value)]):
         raise ValueError(f"it is rock, which has no {varies[0]} to vary: leave that table out")
     soil = tables.read(tables.Soil, merged, "layer")
     if layer.rock:
@@ -219,9 +217,15 @@ def _of_scene(scene: tables.Scene) -> dict[str, object]:
     )
 
 
-def _given(table: tables.Table) -> dict[str, object]:
-    """What a scene gives of a table."""
-    return {name: getattr(table, name) for name in table.model_fields_set}
+def _given(table: tables.Table | RandomField) -> dict[str, object]:
+    """What a scene gives of a table; all of a random field."""
+    names = [part.name for part in fields(table)] if isinstance(table, RandomField) else table.model_fields_set
+    return {name: getattr(table, name) for name in names}
+
+
+def _varies(value: object) -> TypeGuard[tables.Table | RandomField]:
+    """Whether this is a table of how a parameter varies."""
+    return isinstance(value, tables.Table | RandomField)
 
 
 def _of_its_own(layer: tables.Layer, parameter: str) -> list[str]:
@@ -233,7 +237,7 @@ def _of_its_own(layer: tables.Layer, parameter: str) -> list[str]:
 
 def _rock(table: tables.Soil, height: float) -> Soil | FrictionalSoil:
     """Soil like that of the table at its means that does not yield: its strength is its Young's modulus."""
-    values = {name: value.mean if isinstance(value, tables.Varying) else value for name, value in table}
+    values = {name: value.mean if isinstance(value, RandomField) else value for name, value in table}
     kind = _kind([name for name, value in values.items() if value is not None])
     values |= {"unusual": True, "strength_ratio": None, "strength_minimum": None}
     if kind is not None:
@@ -275,20 +279,6 @@ def _check_kind(values: Mapping[str, object], given: Collection[str], label: Lab
         if name in given:
             kind = "soil with cohesion and friction" if frictional else "undrained soil"
             raise ValueError(f"{label(name)} has no effect in {kind}: leave it out")
-
-
-def field_of(table: tables.Varying, downhill: int) -> RandomField:
-    """The random field of a table.
-
-    Args:
-        table: of a parameter that varies.
-        downhill: 1 where the ground falls along x, -1 where it falls against x: strata dip so by default.
-    """
-    bedding = None
-    if table.bedding is not None:
-        strike = {1: 90.0, -1: 270.0}[downhill] if table.bedding.strike is None else table.bedding.strike
-        bedding = kl.Bedding(table.bedding.dip, strike)
-    return RandomField(**{**dict(table), "bedding": bedding})
 
 
 def _check_saturated(values: Numbers, random: Mapping[str, RandomField], label: Label, home: str) -> None:

@@ -17,7 +17,7 @@ from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given
 from cooperative.scene._measured import NAME
 from cooperative.scene._typed import parse, source_of
-from cooperative.scene._words import in_python
+from cooperative.scene._words import in_python, is_same
 from cooperative.store import MOST_TEXT, SCENE, Source, Store, refuse_another, stored_source, write_aside
 from jaxmpm.support import files
 from jaxmpm.support.text import shown
@@ -75,8 +75,9 @@ def in_folder(
             slides that is earlier than theirs is.
     """
     if isinstance(scene, Campaign) and scene.source.text is not None:
-        estimator = scene.estimator if "estimator" in scene.source.tables else None
-        scene = scene.source
+        of_script = scene.estimator if "estimator" in scene.source.tables else None
+        if is_same(scene, parse(scene.source, of_script)):
+            scene, estimator = scene.source, of_script
     campaign = read(scene if isinstance(scene, Campaign) else settled(scene, folder), estimator)
     refuse_another(folder, campaign.source)
     return _grown(campaign, folder, refined_runs, slides_t_end), campaign.source

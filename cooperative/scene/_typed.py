@@ -4,40 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from cooperative.estimate import SETTINGS, Estimator, named_estimator
-from cooperative.measure import ElementAtRisk
+from cooperative.estimate import SETTINGS, Estimator
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_grids
+from cooperative.scene._campaign import Campaign, Given, check_grids
 from cooperative.scene._contact import fields_of, interface_of, on_ground
-from cooperative.scene._fields import CrossCorrelation
 from cooperative.scene._files import Files
-from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground
-from cooperative.scene._region import RUN_OUT_LINE, ask_for_origin, ask_for_origin_of_section, between_cells, track_of
-from cooperative.scene._run import check_limit_load, run_of
-from cooperative.scene._shaking import motion_of
+from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground, ask_of_record
+from cooperative.scene._region import ask_for_origin, ask_for_origin_of_section, between_cells, track_of
 from cooperative.scene._site import Site, Water
-from cooperative.scene._soil import field_of, soils_of
+from cooperative.scene._soil import soils_of
 from cooperative.scene._varied import variants_of
 from cooperative.store import Source, table_of
 from jaxmpm import (
-    Discretisation,
     Raster,
     Scene,
     Section,
     Slope,
     State,
     Terrain,
-    cell_independent,
 )
-from jaxmpm.soil import AnySoil
 from jaxmpm.support.table import decoded
-from jaxmpm.support.text import short
+from jaxmpm.support.text import short, shown
 
 LARGEST = 1_000_000
 """Bytes of a scene file at most; a scene has a few thousand."""
@@ -64,7 +56,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if scene.sweep is not None or scene.scenario is not None:
         table = "[[scenario]]" if scene.sweep is None else "[sweep]"
         raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it by `jaxmpm sweep`")
-    given = _given(scene, estimator)
+    given = _given(scene, table_of(source.tables, "campaign"), estimator)
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
     ground = _site(scene)
@@ -78,30 +70,35 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     soil, drawn = site.representative(whole), scene.ground or scene.terrain
     contact = None if drawn is None else interface_of(drawn)
     of_contact = fields_of(
-        "terrain" if scene.ground is None else "ground", contact, partial(field_of, downhill=downhill), ground.span,
-        unusual=scene.unusual,
-    )  # fmt: skip
+        "terrain" if scene.ground is None else "ground", contact, downhill, ground.span, unusual=scene.unusual
+    )
     random = site.all_random({**through, **of_contact})
     site = on_ground(site, contact, soil)
-    check_limit_load(scene.run, scene.limit_load)
-    together = scene.cross_correlation
+    check_limit_load(scene.run, table_of(source.tables, "run"), scene.limit_load)
+    if "modes" in table_of(source.tables, "campaign"):
+        check_modes(scene.campaign, has_toe=site.shape.face is not None)
+    if scene.motion is not None and not scene.unusual:
+        ask_of_record(scene.motion)
     campaign = Campaign(
         name=scene.name,
         ground=site,
         soil=soil,
         random=random,
-        cross_correlation=None if together is None else CrossCorrelation(**dict(together)),
-        coarse=None if scene.coarse is None else _grid(scene.coarse, site, soil),
-        rough=_grid(scene.rough, site, soil),
-        refined=_grid(scene.refined, site, soil),
-        run=run_of(scene.run, motion_of(scene, len(site.shape.corner))),
-        plan=_plan(scene.campaign, has_modes=site.shape.face is not None),
-        estimator=estimator or (Given("estimator", given) if given else _named(scene.campaign)),
-        hazard=_hazard(scene),
+        cross_correlation=scene.cross_correlation,
+        coarse=scene.coarse,
+        rough=scene.rough,
+        refined=scene.refined,
+        run=scene.run,
+        motion=scene.motion,
+        plan=scene.campaign.plan,
+        estimator=estimator or (Given("estimator", given) if given else scene.campaign.chosen),
+        hazard=scene.hazard,
+        exposed=tuple(scene.exposed or ()),
         measured=tables.Measured(calibration=scene.calibration, limit_load=scene.limit_load),
+        source=source,
     )
     check_grids(campaign)
-    return campaign.made_from(source)
+    return campaign
 
 
 def source_of(scene: Source | str | Path) -> Source:
@@ -187,7 +184,7 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
     Raises:
         ValueError: slope, soil and grid do not fit together.
     """
-    return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.run.loads)
+    return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.loads)
 
 
 def _site(scene: tables.Scene) -> Site:
@@ -222,13 +219,12 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     if table.origin is None:
         ask_for_origin(surface)
     x, y = (given or between_cells(ends, cells) for given, ends in zip((table.x, table.y), surface.ends, strict=True))
-    polygon = tables.of_features(table.polygon, "[terrain] polygon") or None
     shape = Terrain(
-        surface, table.base, x, y, polygon=polygon, depth=table.depth, cut=table.cut,
+        surface, table.base, x, y, polygon=table.polygon, depth=table.depth, cut=table.cut,
         bedrock=cast(Raster | None, table.bedrock),
     )  # fmt: skip
     shape.check()
-    track = track_of(tables.of_features(table.run_out_line, RUN_OUT_LINE), shape)
+    track = track_of(table.run_out_line or (), shape)
     return Site(shape, table.ends, (), *_water(scene, shape), track, table.origin or (0.0, 0.0))
 
 
@@ -272,60 +268,62 @@ def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster,
         )
 
 
-def _hazard(scene: tables.Scene) -> Hazard | None:
-    """What is stored of slides; None where the scene has neither maps nor elements at risk."""
-    if scene.hazard is None and scene.exposed is None:
-        return None
-    asked = scene.hazard or tables.Hazard()
-    elements = tuple(ElementAtRisk(each.name, each.corners, each.value, each.curve) for each in scene.exposed or ())
-    keys = [element.key for element in elements]
-    for element in elements:
-        if not element.key or keys.count(element.key) > 1:
-            raise ValueError(
-                f"[[exposed]] name = {element.name!r} is there {keys.count(element.key)} times as {element.key!r}: "
-                "give each its own, with letters or digits"
-            )
-    thickness, speed = (
-        tuple(sorted({level for of, level in asked.thresholds if of == kind})) for kind in ("thickness", "speed")
-    )
-    return Hazard(thickness, speed, asked.every, elements)
+def check_limit_load(run: tables.Run, keys: Mapping[str, object], given: tables.LimitLoad | None) -> None:
+    """Check a limit load, asked for or given.
+
+    Args:
+        run: of the scene.
+        keys: of its table, as they stand in the scene.
+        given: by the scene, None where not.
+
+    Raises:
+        ValueError: it does not go with the table [run].
+    """
+    asked = run.failure == "limit load"
+    if asked and "failure_displacement" in keys:
+        raise ValueError(
+            "[run] failure_displacement has no effect beside failure = 'limit load', which finds it: leave it out"
+        )
+    if asked and run.least_volume == 0:
+        raise ValueError(
+            "[run] least_volume = 0 beside failure = 'limit load': any particle moves below the limit load, give more "
+            "or leave it out"
+        )
+    if given is None:
+        return
+    if not asked:
+        raise ValueError("the scene has a table [limit_load] without [run] failure = 'limit load': leave it out")
+    if run.least_volume not in (None, given.volume):
+        raise ValueError(
+            f"[run] least_volume = {run.least_volume:g} and [limit_load] volume = {shown(given.volume)} differ: the "
+            "displacement belongs to one volume, give that one in both"
+        )
 
 
-def _plan(table: tables.Campaign, *, has_modes: bool) -> Plan:
-    """What the campaign does; slides have modes where they come to their end, on a slope with a toe."""
-    asked = "modes" in table.model_fields_set
+def check_modes(table: tables.PlanAndEstimator, *, has_toe: bool) -> None:
+    """Check modes that a scene asks for: slides have them where they come to their end, on a slope with a toe.
+
+    Args:
+        table: of the scene.
+        has_toe: whether its ground has one.
+
+    Raises:
+        ValueError: no slide has a mode.
+    """
     modes = f"modes = {'both' if 'rough' in table.modes else 'refined'!r}"
-    if asked and table.slides == 0:
+    if table.slides == 0:
         raise ValueError(
             f"[campaign] slides = 0 ends every refined run once its class is decided, and {modes} asks for modes of "
             "its failures, which only their end shows: leave out modes, or give slides = 'all' or a number"
         )
-    if asked and not has_modes:
+    if not has_toe:
         raise ValueError(
             f"[campaign] {modes} asks for modes, which only a slope with its toe has: leave it out, or give [ground] "
             "its toe"
         )
-    values = {key: value for key, value in table if key not in (*SETTINGS, "estimator")}
-    return Plan(**{**values, "slides": None if table.slides == "all" else table.slides})
 
 
-def _named(table: tables.Campaign) -> Estimator:
-    """The estimator that a scene names, with its settings."""
-    return named_estimator(table.estimator, {key: getattr(table, key) for key in (*SETTINGS, "seed")})
-
-
-def _grid(table: tables.Grid, site: Site, soil: AnySoil) -> Discretisation:
-    """Answers do not follow the cell, unless the scene states a choice; `fbar` of either value is one for clay."""
-    values = {key: value for key, value in table if value is not None}
-    endless = site.ends in ("tied", "free field")
-    if table.internal_length == "none" or (endless and table.internal_length is None):
-        values["internal_length"] = None
-    if "fbar" in values:
-        values.setdefault("cell_average", None)
-    return replace(cell_independent(Discretisation(**values, dtype="float32"), soil), **values)
-
-
-def _given(scene: tables.Scene, estimator: Estimator | None) -> str | None:
+def _given(scene: tables.Scene, keys: Mapping[str, object], estimator: Estimator | None) -> str | None:
     """How an estimator describes itself that the scene does not name; None where the scene names its own."""
     stored = None if scene.estimator is None else scene.estimator.given
     if estimator is None:
@@ -336,7 +334,7 @@ def _given(scene: tables.Scene, estimator: Estimator | None) -> str | None:
         raise ValueError(
             f"the campaign's estimator is {short(stored, 400)}, not {estimator!r}: give that one, or another folder"
         )
-    named = [key for key in ("estimator", *SETTINGS) if key in scene.campaign.model_fields_set]
+    named = [key for key in ("estimator", *SETTINGS) if key in keys]
     if named:
         raise ValueError(
             f"[campaign] {named[0]} has no effect beside estimator = {estimator!r}: leave it out of the scene"

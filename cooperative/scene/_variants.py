@@ -151,7 +151,7 @@ def _sweep(tables: Mapping[str, object]) -> dict[str, list[float]]:
     known.read(known.Sweep, table, "sweep")
     for scenario in tables_of(tables, SCENARIO):
         known.read(known.Scenario, scenario, SCENARIO)
-    return {name: values for name, values in table.items() if name in known.Sweep.model_fields}
+    return {name: values for name, values in table.items() if name in known.keys(known.Sweep)}
 
 
 def with_measured_of_base(part: Variant, folder: Path) -> Source:

@@ -42,7 +42,7 @@ class Path:
     @property
     def field(self) -> FieldInfo:
         """Declaration of the key."""
-        return self.owner.__pydantic_fields__[self.key]
+        return tables.keys(self.owner)[self.key]
 
     def value(self, scene: Mapping[str, object]) -> object:
         """What stands there in a scene's tables, or the key's default; None without one.
@@ -76,7 +76,7 @@ def path_of(scene: Mapping[str, object], name: str) -> Path:
     left = list(parts)
     while left:
         key = left.pop(0)
-        field = owner.__pydantic_fields__.get(key)
+        field = tables.keys(owner).get(key)
         if field is None:
             break
         keys = (*keys, key)
@@ -104,7 +104,7 @@ def number_at(scene: Mapping[str, object], name: str) -> Path:
     """
     path = path_of(scene, name)
     now = path.value(scene)
-    if isinstance(now, dict | tables.Table):
+    if isinstance(now, dict | tables.Table | tables.Part):
         raise ValueError(f"{shown(name)} is a table in this scene: give a key of it, such as {name}.mean")
     schema = tables.schema_of(path.owner)["properties"][path.key]
     kinds = {part.get("type") for part in (schema, *schema.get("oneOf", ()), *schema.get("anyOf", ()))}
@@ -178,7 +178,7 @@ def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) ->
 
 
 def _unknown(scene: Mapping[str, object], name: str) -> ValueError:
-    known = [*_all_paths(scene), *tables.Sweep.model_fields]
+    known = [*_all_paths(scene), *tables.keys(tables.Sweep)]
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
     nearest = f" (did you mean {shown(close[0])}?)" if close else ""
     return ValueError(f"{shown(name)} is no key of this scene{nearest}: see docs/scenes.md for all keys")
@@ -186,7 +186,7 @@ def _unknown(scene: Mapping[str, object], name: str) -> ValueError:
 
 def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
     """Paths of all keys that a scene may have, with the names of its layers."""
-    for name, field in tables.Scene.model_fields.items():
+    for name, field in tables.keys(tables.Scene).items():
         table = tables.table_in(field)
         if name in FIXED or table is None:
             continue
@@ -197,7 +197,7 @@ def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
 
 
 def _paths(table: type[tables.Keyed], prefix: str) -> Iterator[str]:
-    for key, field in table.__pydantic_fields__.items():
+    for key, field in tables.keys(table).items():
         yield f"{prefix}.{key}"
         inner = tables.table_in(field)
         if inner is not None:
@@ -245,7 +245,7 @@ def variants_of(scene: Mapping[str, object]) -> Iterator[Varied]:
     paths: dict[str, list[float | str]] = {
         name: values
         for name, values in swept.items()
-        if name not in tables.Sweep.model_fields and isinstance(values, list)
+        if name not in tables.keys(tables.Sweep) and isinstance(values, list)
     }
     taken: dict[Keys, str] = {}
     for name in paths:

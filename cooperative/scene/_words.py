@@ -29,12 +29,21 @@ import jaxmpm
 import kl
 from cooperative import estimate, measure
 from cooperative.estimate import Estimator
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan
-from cooperative.scene._fields import CrossCorrelation, RandomField
+from cooperative.scene._campaign import Campaign, Given
 from cooperative.scene._files import as_text, from_text
-from cooperative.scene._run import Run
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene.tables import RandomLevel
+from cooperative.scene.tables import (
+    Bedding,
+    CrossCorrelation,
+    Exposed,
+    Grid,
+    Hazard,
+    Motion,
+    Plan,
+    RandomField,
+    RandomLevel,
+    Run,
+)
 from cooperative.store import Source, table_of
 from jaxmpm.support.text import short
 
@@ -57,7 +66,20 @@ def _offered() -> dict[str, type | FunctionType]:
         for module in OFFER
         for name in module.__all__
     }
-    own = (CrossCorrelation, Hazard, Plan, RandomField, RandomLevel, Run, Site, SiteLayer)
+    own = (
+        Bedding,
+        CrossCorrelation,
+        Exposed,
+        Grid,
+        Hazard,
+        Motion,
+        Plan,
+        RandomField,
+        RandomLevel,
+        Run,
+        Site,
+        SiteLayer,
+    )
     offered |= {f"cooperative.{each.__name__}": each for each in own}
     return {name: each for name, each in offered.items() if isinstance(each, type) or _is_pure(each)}
 
@@ -81,6 +103,11 @@ def source_of_value(campaign: Campaign) -> Source:
     return Source(None, {"campaign": {name: in_words(getattr(campaign, name), name) for name in names}})
 
 
+def is_same(one: Campaign, other: Campaign) -> bool:
+    """Whether two campaigns are the same, in the words of all that a script gives."""
+    return source_of_value(one).beside == source_of_value(other).beside
+
+
 def campaign_of_words(source: Source) -> Campaign:
     """The campaign that was written in Python, with `Given` for what its script has to give again.
 
@@ -90,7 +117,7 @@ def campaign_of_words(source: Source) -> Campaign:
     try:
         fields = {name: of_words(words, name) for name, words in table_of(source.beside, "campaign").items()}
         return Campaign(**fields)
-    except (AttributeError, KeyError, TypeError, zlib.error) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, zlib.error) as error:
         raise ValueError(f"campaign.json holds no campaign ({error}): put back the file that it began with") from error
 
 
@@ -113,7 +140,7 @@ def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign
         if words != there:
             raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
         campaign = dataclasses.replace(campaign, estimator=estimator)
-    return dataclasses.replace(campaign).made_from(source)
+    return dataclasses.replace(campaign, source=source)
 
 
 def in_words(value: object, where: str = "campaign") -> object:

@@ -68,7 +68,7 @@ def notes_of(
             f"soil moved so far, {np.nanmax(smaller):.3g} at most. [run] least_volume says what is a failure"
         )
     moving = stands & (status == "FINISHED")
-    if run.settle is not None and moving.any():
+    if run.settle and moving.any():
         notes.append(
             f"{moving.sum()} of {stands.sum()} refined runs that stand had not settled at t_end = {run.t_end:g} "
             f"s; the farthest had moved {displacement[moving].max():.2g} m. They may fail later"
@@ -97,9 +97,11 @@ def _loads(campaign: Campaign) -> list[str]:
     run, level, loads = campaign.run, campaign.site.level, []
     if run.k_h or run.k_v:
         loads.append(f"a pseudo-static acceleration of k_h = {run.k_h:g} and k_v = {run.k_v:g} acts all the time")
-    if run.motion is not None:
-        peak = float(np.abs(run.motion.acceleration).max())
-        loads.append(f"a record of {float(run.motion.duration):g} s shakes the base, with a peak of {peak:.3g} m/s2")
+    if campaign.shaking is not None:
+        peak = float(np.abs(campaign.shaking.acceleration).max())
+        loads.append(
+            f"a record of {float(campaign.shaking.duration):g} s shakes the base, with a peak of {peak:.3g} m/s2"
+        )
     if run.strength_factor != 1:
         loads.append(f"all strength is multiplied by {run.strength_factor:g}")
     if level is not None:

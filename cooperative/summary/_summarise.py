@@ -99,7 +99,7 @@ def _cost(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Cam
         refined_runs_allowed=campaign.raised,
         seconds={grid: float(np.sum(rows.columns["seconds"])) for grid, rows in tables.items()},
         status={grid: dict(Counter(rows.columns["status"].tolist())) for grid, rows in tables.items()},
-        settle=campaign.run.settle is not None,
+        settle=bool(campaign.run.settle),
         broke_off={grid: _broken(rows) for grid, rows in tables.items()},
         finished=phases.why_finished,
         after_more_runs=_after_more_runs(campaign, phases),

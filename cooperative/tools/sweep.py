@@ -266,7 +266,7 @@ def _compared(
     campaign = campaign_of(store)
     rough = rows_reader(store, samples_of(campaign))("rough")
     displacement = displacement_of(rough.columns["displacement"], rough.columns["broke_off"].astype(bool))
-    motion, peak = campaign.run.motion, None
+    motion, peak = campaign.shaking, None
     if motion is not None:
         peak = float(np.abs(motion.acceleration[:-1]).max()) / STANDARD_GRAVITY
     return replace(point, difference=difference, displacement=displacement, peak=peak)

@@ -24,6 +24,35 @@ Values: TypeAlias = ArrayLike | Sequence[float]
 Elements = TypeVar("Elements", Array, np.ndarray, float)
 
 
+class Invalid(ValueError):
+    """A value that breaks a rule, as data.
+
+    Who reads a table adds the tables around `path`, and formats the message once.
+
+    Args:
+        path: keys and positions that lead to the value from where the rule stands; none for that place itself.
+        value: as a message shows it, None where the rule is of more than one value.
+        rule: that it breaks, as the message goes on after the value.
+        remedy: what to do.
+    """
+
+    def __init__(self, path: Sequence[str | int], value: str | None, rule: str, remedy: str) -> None:
+        super().__init__(path, value, rule, remedy)
+        self.path, self.value, self.rule, self.remedy = tuple(path), value, rule, remedy
+
+    def of(self, subject: str) -> str:
+        """The message.
+
+        Args:
+            subject: what the path leads to, in words.
+        """
+        value, rule = "" if self.value is None else f" = {self.value}", f" {self.rule}" if self.rule else ""
+        return f"{subject}{value}{rule}: {self.remedy}"
+
+    def __str__(self) -> str:
+        return self.of(".".join(map(str, self.path))).lstrip()
+
+
 @dataclasses.dataclass(frozen=True)
 class Limit:
     """The values that a parameter may have, all of them finite.

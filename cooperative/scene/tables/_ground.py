@@ -10,6 +10,7 @@ from cooperative.scene.tables._key import (
     Length,
     Line,
     Metres,
+    Only,
     OrFile,
     OrTable,
     Pair,
@@ -21,7 +22,7 @@ from cooperative.scene.tables._key import (
     key,
 )
 from cooperative.scene.tables._level import RandomLevel
-from cooperative.scene.tables._varying import Varying
+from cooperative.scene.tables._varying import RandomField
 from jaxmpm.soil import soil_limits
 from jaxmpm.support.check import Limit
 
@@ -49,14 +50,14 @@ class Slope(Table):
 class Interface(Table):
     """Strength of the contact of soil with the base."""
 
-    friction: OrTable[Annotated[float, Within(soil_limits()["friction"])] | Literal["soil"], Varying] = key(
+    friction: OrTable[Annotated[float, Within(soil_limits()["friction"])] | Literal["soil"], RandomField] = key(
         'Angle of friction. `"soil"`: that of the soil which lies on it at the start, 0 of undrained soil. A table, '
         "`[ground.interface.friction]` with the keys of `[strength]`: a random field, which "
         "`cross_correlation` calls `interface_friction`.",
         10.0,
         units="degrees",
     )
-    cohesion: OrTable[Annotated[float, Within(soil_limits()["cohesion"])] | Literal["soil"], Varying] = key(
+    cohesion: OrTable[Annotated[float, Within(soil_limits()["cohesion"])] | Literal["soil"], RandomField] = key(
         'Cohesion. `"soil"`: that of the soil, of undrained soil its strength. Or a table, likewise, called '
         "`interface_cohesion`.",
         0.0,
@@ -179,7 +180,7 @@ class Terrain(Table):
     ends: Literal["roller", "fixed"] = key(
         "Boundary condition at the walls; for a free face see `cut`.", "roller", "roller"
     )
-    polygon: OrFile[Polygon] | None = key(
+    polygon: Annotated[OrFile[Polygon] | None, Only] = key(
         "Corners in plan of the part that is used; the rest is left out. Or a polygon of a GeoPackage, shapefile or "
         "GeoJSON.",
         [[20, 10], [180, 10], [180, 110], [20, 110]],
@@ -194,7 +195,7 @@ class Terrain(Table):
     cut: Literal["fixed", "free"] = key(
         "Boundary condition along the polygon; free: as if the soil around had been excavated.", "fixed", "fixed"
     )
-    run_out_line: OrFile[Rows] | None = key(
+    run_out_line: Annotated[OrFile[Rows] | None, Only] = key(
         "Line in plan along which run-out is measured, straight on beyond its ends. Or a line of such a file.",
         [[20, 60], [90, 60], [180, 80]],
         None,

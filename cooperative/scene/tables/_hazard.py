@@ -2,49 +2,61 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from functools import cached_property
+from typing import Annotated, Any, Literal, Self
 
-from annotated_types import Ge, MaxLen, MinLen
-from pydantic import PlainValidator, Strict
+from annotated_types import MaxLen, MinLen
+from pydantic import AfterValidator, PlainValidator, Strict, ValidationInfo
 from pydantic import model_validator as validates
 
-from cooperative.measure import PUBLISHED, Intensity, Vulnerability, quantity
+from cooperative.measure import PUBLISHED, ElementAtRisk, Intensity, Vulnerability, quantity
 from cooperative.scene.tables._key import (
+    Count,
     FromZero,
     Metres,
     Number,
     OrFile,
     Pair,
+    Part,
     Polygon,
-    Table,
     key,
     of_features,
     plain_name,
+    table,
 )
+from jaxmpm.support.check import Invalid
 
 LONGEST_NAME = 60
 
 
-def _threshold(value: object) -> tuple[Intensity, float]:
-    of, level = quantity("", value)
-    if not level > 0:
-        raise ValueError(f" = {value!r}: give more than 0, what is reached is reported anyway")
-    return of, level
+def _threshold(text: str) -> str:
+    if not quantity(text)[1] > 0:
+        raise Invalid((), repr(text), "", "give more than 0, what is reached is reported anyway")
+    return text
 
 
-Threshold = Annotated[tuple[Intensity, float], PlainValidator(_threshold, json_schema_input_type=str)]
-Quantity = Annotated[
-    tuple[Intensity, float], PlainValidator(lambda value: quantity("", value), json_schema_input_type=str)
-]
-"""What a text measures, thickness or speed, and how much of it (m, m/s)."""
+def _quantity(text: str) -> str:
+    quantity(text)
+    return text
+
+
+Threshold = Annotated[str, PlainValidator(_threshold, json_schema_input_type=str)]
+Quantity = Annotated[str, PlainValidator(_quantity, json_schema_input_type=str)]
+"""A text of a thickness or a speed and its unit."""
 
 
 _NAMES = " or ".join(f'"{name}"' for name in PUBLISHED)
-Pairs = Annotated[tuple[Annotated[tuple[Quantity, Number], Strict(False)], ...], Strict(False)]
+Pairs = Annotated[tuple[Annotated[tuple[Quantity, Number], Strict(False)], ...], Strict(False), MinLen(1)]
 Curve = Pairs | Literal["totschnig 2011", "papathoma-koehle 2015"]
 
 
-class Hazard(Table):
+def _of_name(features: Any, info: ValidationInfo) -> Any:
+    """The points of a polygon; of a file's, that of the element's name."""
+    return of_features(features, info.data.get("name"), holes=True)
+
+
+@table
+class Hazard(Part):
     """Hazard maps.
 
     With this table, or `[[exposed]]`, each refined slide stores, for each column of cells, the largest thickness, the
@@ -55,14 +67,29 @@ class Hazard(Table):
     thresholds: Annotated[tuple[Threshold, ...], Strict(False)] = key(
         "Thicknesses of the deposit (m, cm) and speeds (m/s, km/h) to map.",
         ["0.5 m", "1 m/s"],
-        ["0.5 m", "1 m", "1 m/s"],
+        ("0.5 m", "1 m", "1 m/s"),
         units="in each",
         allowed="texts: a number above 0 and its unit",
     )
-    every: Annotated[int, Ge(1)] = key("Steps between two evaluations of the columns.", 20, 20)
+    every: Count = key("Steps between two evaluations of the columns.", 20, 20)
+
+    @property
+    def thickness(self) -> tuple[float, ...]:
+        """Thresholds (m) whose exceedance is mapped, ascending."""
+        return self._levels("thickness")
+
+    @property
+    def speed(self) -> tuple[float, ...]:
+        """Thresholds (m/s) whose exceedance is mapped, ascending."""
+        return self._levels("speed")
+
+    def _levels(self, of: Intensity) -> tuple[float, ...]:
+        levels = map(quantity, self.thresholds)
+        return tuple(sorted({level for what, level in levels if what == of}))
 
 
-class Exposed(Table):
+@table
+class Exposed(Part):
     """An element at risk, which a slide may reach: one table for each, with one of `at`, `between` and `polygon`."""
 
     name: Annotated[str, plain_name(LONGEST_NAME)] = key(
@@ -74,7 +101,7 @@ class Exposed(Table):
     between: Pair[Metres] | None = key(
         "In a section, the two ends of a stretch.", [70.0, 76.0], None, allowed="[from, to]"
     )
-    polygon: OrFile[Polygon] | None = key(
+    polygon: Annotated[OrFile[Polygon] | None, AfterValidator(_of_name)] = key(
         "In 3D, the corners of a polygon in order. Or a polygon of a GeoPackage, shapefile or GeoJSON, whose holes are "
         "kept: that whose column `name`, in any case, is the name of the element, or the only one.",
         [[70, 5], [76, 5], [73, 12]],
@@ -96,40 +123,34 @@ class Exposed(Table):
     def _complete(self) -> Self:
         shapes = [key for key in ("at", "between", "polygon") if getattr(self, key) is not None]
         if len(shapes) != 1:
-            raise ValueError(
-                f" has {' and '.join(shapes) or 'no position'}: give one of at = [x] or [x, y], between = [from, to] "
-                "in a section, polygon = [[x, y], ...] in 3D, in metres"
-            )
+            raise Invalid(
+                (), None, f"has {' and '.join(shapes) or 'no position'}",
+                "give one of at = [x] or [x, y], between = [from, to] in a section, polygon = [[x, y], ...] in 3D, in "
+                "metres",
+            )  # fmt: skip
         if (self.value is None) != (self.vulnerability is None):
-            raise ValueError(": give value and vulnerability together, or neither")
-        self.curve  # noqa: B018, raises for one that is none
+            raise Invalid((), None, "has a value or a vulnerability alone", "give both together, or neither")
+        self.element  # noqa: B018, raises for one that is none
         return self
 
-    @property
-    def corners(self) -> tuple[tuple[float, ...], ...]:
-        """Of the position: one point, the two ends of a stretch, or the corners of a polygon."""
-        if self.between is not None:
-            return tuple((x,) for x in self.between)
-        if self.at is not None:
-            return (self.at,)
-        return of_features(self.polygon, "[[exposed]] polygon", self.name, holes=True)
-
-    @property
-    def curve(self) -> Vulnerability | None:
-        """Of the vulnerability.
+    @cached_property
+    def element(self) -> ElementAtRisk:
+        """With its corners and its curve.
 
         Raises:
-            ValueError: the end of a message, for one that falls or leaves [0, 1].
+            ValueError: a curve that falls or leaves [0, 1], or corners that are no stretch and no polygon.
         """
+        corners = self.polygon if self.between is None else tuple((x,) for x in self.between)
+        return ElementAtRisk(self.name, corners if self.at is None else (self.at,), self.value, self._curve)
+
+    @property
+    def _curve(self) -> Vulnerability | None:
         if self.vulnerability is None:
             return None
         if isinstance(self.vulnerability, str):
             return PUBLISHED[self.vulnerability].curve
-        kinds = {of for (of, _), _ in self.vulnerability}
+        quantities, lost = zip(*((quantity(text), share) for text, share in self.vulnerability), strict=True)
+        kinds = {of for of, _ in quantities}
         if len(kinds) != 1:
-            raise ValueError(f" vulnerability is of {' and '.join(sorted(kinds)) or 'nothing'}: give one of them")
-        levels, lost = zip(*((level, share) for (_, level), share in self.vulnerability), strict=True)
-        try:
-            return Vulnerability(kinds.pop(), levels, lost)
-        except ValueError as error:
-            raise ValueError(f" {error}") from error
+            raise Invalid(("vulnerability",), None, f"is of {' and '.join(sorted(kinds))}", "give one of them")
+        return Vulnerability(kinds.pop(), tuple(level for _, level in quantities), lost)

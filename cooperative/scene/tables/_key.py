@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from dataclasses import dataclass, fields
+from functools import wraps
+from inspect import cleandoc
+from typing import Annotated, Any, Literal, TypeVar, dataclass_transform
 
-from annotated_types import GroupedMetadata, Interval, MinLen
+import numpy as np
+from annotated_types import Ge, GroupedMetadata, Interval, MinLen
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -14,17 +17,26 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    InstanceOf,
     PlainValidator,
     Strict,
     Tag,
+    ValidationError,
     ValidationInfo,
 )
 from pydantic import field_validator as validates
 from pydantic.config import JsonDict
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
-from jaxmpm.support.check import Limit, above_zero, from_zero
+from jaxmpm import BaseMotion
+from jaxmpm.support.check import Invalid, Limit, above_zero, from_zero
 from jaxmpm.support.text import shown
+
+T = TypeVar("T")
+F = TypeVar("F")
 
 EXTRAS = ("unit", "units", "otherwise", "allowed", "remedy", "synonyms", "per", "infinite")
 """What a key's JSON schema has beyond the standard, for messages and for the page of keys."""
@@ -63,8 +75,73 @@ class Table(BaseModel):
     @classmethod
     def _in_64_bits(cls, value: object) -> object:
         if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in leaves(value)):
-            raise ValueError(" is a whole number beyond 64 bits: give a smaller one")
+            raise Invalid((), None, "is a whole number beyond 64 bits", "give a smaller one")
         return value
+
+
+CONFIG = ConfigDict(extra="forbid", validate_default=True, arbitrary_types_allowed=True)
+
+
+@pydantic_dataclass(frozen=True, config=CONFIG)
+class Part:
+    """A table that is a part of a campaign, in TOML and in Python: its fields are its keys.
+
+    Numbers and arrays of NumPy become plain ones.
+    """
+
+    @validates("*", mode="before")
+    @classmethod
+    def _plain(cls, value: object) -> object:
+        value = plain(value)
+        if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in leaves(value)):
+            raise Invalid((), None, "is a whole number beyond 64 bits", "give a smaller one")
+        return value
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(key,))
+def table(kind: type[T]) -> type[T]:
+    """Make a subclass of `Part` a frozen dataclass, which refuses a value in the words of its keys and explains them.
+
+    Args:
+        kind: the class.
+    """
+    words = cleandoc(kind.__doc__ or "")
+    config = ConfigDict(**CONFIG, json_schema_extra={"description": words})
+    made = pydantic_dataclass(frozen=True, config=config)(kind)
+    if "\nArgs:" not in words:
+        explained = "\n".join(f"    {name}: {field.description}" for name, field in keys(made).items())
+        made.__doc__ = f"{words}\n\nArgs:\n{explained}"
+    init = made.__init__
+    names = [field.name for field in fields(made) if field.init]  # type: ignore[arg-type]
+
+    @wraps(init)
+    def checked(self: T, *args: object, **kwargs: object) -> None:
+        given = dict(zip(names, args, strict=False))
+        if len(args) > len(names) or given.keys() & kwargs.keys():
+            raise TypeError(f"{made.__name__} has the fields {', '.join(names)}: give each once")
+        try:
+            init(self, **given, **kwargs)
+        except ValidationError as error:
+            # Reading needs the tables.
+            from cooperative.scene.tables._reading import refusal
+
+            raise refusal(made, given | kwargs, error) from error
+
+    made.__init__ = checked  # type: ignore[misc]
+    return made
+
+
+def keys(kind: type) -> Mapping[str, FieldInfo]:
+    """Keys of a table, each with what it declares."""
+    declared: Mapping[str, FieldInfo] = kind.__pydantic_fields__  # type: ignore[attr-defined]
+    return declared
+
+
+def plain(value: object) -> object:
+    """A value without numbers and arrays of NumPy, which become plain ones."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return [plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def leaves(value: object) -> Iterator[object]:
@@ -112,11 +189,18 @@ class Within(GroupedMetadata):
         yield Field(json_schema_extra=extra | ({"infinite": True} if self.infinite else {}))
 
 
-def one_of(choices: Mapping[str, object]) -> PlainValidator:
-    """Of a type: a text that names one of the choices, for which the value then stands; or what it stands for."""
+def one_of(choices: Mapping[str, object], others: type | None = None) -> PlainValidator:
+    """Of a type: a text that names one of the choices, for which the value then stands; or what it stands for.
+
+    Args:
+        choices: by name.
+        others: what Python may give besides.
+    """
 
     def chosen(value: object) -> object:
-        if value in choices.values():
+        if isinstance(value, list):
+            value = tuple(value)
+        if any(value is each or value == each for each in choices.values()) or (others and isinstance(value, others)):
             return value
         if not isinstance(value, str) or value not in choices:
             raise PydanticCustomError("choice", "no choice")
@@ -125,9 +209,10 @@ def one_of(choices: Mapping[str, object]) -> PlainValidator:
     return PlainValidator(chosen, json_schema_input_type=Literal[tuple(choices)])
 
 
-T = TypeVar("T")
-F = TypeVar("F")
-
+Flag = Annotated[bool, Strict()]
+Text = Annotated[str, Strict()]
+Count = Annotated[int, Strict(), Ge(1)]
+FromNone = Annotated[int, Strict(), Ge(0)]
 Number = Annotated[float, Within()]
 AboveZero = Annotated[float, Within(above_zero())]
 FromZero = Annotated[float, Within(from_zero())]
@@ -152,12 +237,12 @@ def check_name(name: str, most: int) -> str:
         most: characters of it.
 
     Raises:
-        ValueError: it has control characters, or is a formula to a spreadsheet; the text is the end of a message.
+        ValueError: it has control characters, or is a formula to a spreadsheet.
     """
     if not name.isprintable() or not 0 < len(name) <= most:
-        raise ValueError(f" = {shown(name)}: give one line of at most {most} characters without control characters")
+        raise Invalid((), shown(name), "", f"give one line of at most {most} characters without control characters")
     if name[0] in FORMULA:
-        raise ValueError(f" = {shown(name)}: a spreadsheet takes it for a formula, begin it otherwise")
+        raise Invalid((), shown(name), "", "a spreadsheet takes it for a formula, begin it otherwise")
     return name
 
 
@@ -177,7 +262,7 @@ def _opened(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, floa
     if corners[0] != corners[-1]:
         return corners
     if len(corners) < 4:
-        raise ValueError(f" = {shown(corners)}: give three or more different corners")
+        raise Invalid((), shown(corners), "", "give three or more different corners")
     return corners[:-1]
 
 
@@ -186,7 +271,7 @@ Polygon = Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3), AfterVal
 
 OrTable = Annotated[
     Annotated[T, Tag("(number)")] | Annotated[F, Tag("(table)")],
-    Discriminator(lambda value: "(table)" if isinstance(value, dict | Table) else "(number)"),
+    Discriminator(lambda value: "(table)" if isinstance(value, dict | Table | Part) else "(number)"),
 ]
 """A number, or a table of how it varies."""
 
@@ -195,15 +280,17 @@ def as_points(value: object) -> tuple[tuple[float, float], ...]:
     """The points of a line as tuples.
 
     Raises:
-        ValueError: the value is no line; the text is the end of a message.
+        Invalid: the value is no line.
     """
     if not isinstance(value, list) or len(value) < 2:
-        raise ValueError(f" = {shown(value)}: give points [[x, z], ...], two or more, or the name of a file")
+        raise Invalid((), shown(value), "", "give points [[x, z], ...], two or more, or the name of a file")
     if len(value) > MOST_POINTS:
-        raise ValueError(f" has {len(value)} points, the limit is {MOST_POINTS}: give fewer")
+        raise Invalid((), None, f"has {len(value)} points, the limit is {MOST_POINTS}", "give fewer")
     for number, point in enumerate(value, 1):
         if not (isinstance(point, list) and len(point) == 2 and all(map(_is_finite, point))):
-            raise ValueError(f": point {number} is {shown(point)}: give [x, z] in metres, two finite numbers")
+            raise Invalid(
+                (), None, f"has a point {number} = {shown(point)}", "give [x, z] in metres, two finite numbers"
+            )
     return tuple((float(x), float(z)) for x, z in value)
 
 
@@ -250,8 +337,40 @@ def _content(read: Callable[[ValidationInfo, str], object]) -> AfterValidator:
 _FILE = Field(json_schema_extra={"allowed": "the name of a file"})
 Raster = Annotated[str, _content(lambda info, name: info.context.raster(name)), _FILE]
 """Heights by the name of a file, likewise."""
-Record = Annotated[str, _content(lambda info, name: info.context.motion(name, info.data.get("record_unit"))), _FILE]
-"""A record of motion by the name of a file, likewise."""
+Record = Annotated[
+    Annotated[str, _content(lambda info, name: info.context.motion(name, info.data.get("record_unit")))]
+    | SkipJsonSchema[InstanceOf[BaseMotion]],
+    _FILE,
+]
+"""A record of motion by the name of a file, likewise, or itself."""
+
+
+def of_features(given: Any, name: str | None = None, *, holes: bool = False) -> Any:
+    """The points of what may be features of a file: those of this name, or of the only one.
+
+    Args:
+        given: points, or features as `scene._files.Files` has them, None for neither.
+        name: of the feature, None for the only one.
+        holes: whether it may have some.
+
+    Raises:
+        Invalid: the file has several features, and none or many of this name; or it has holes.
+    """
+    if not given or not isinstance(given[0], dict):
+        return given
+    chosen = [each for each in given if name is not None and each["name"] == name] if len(given) > 1 else given
+    if len(chosen) != 1:
+        names = ", ".join(shown(each["name"]) for each in given[:8])
+        needs = "one feature is needed" if name is None else f"{len(chosen)} are called {shown(name)} in a column name"
+        raise Invalid(
+            (), None, f"names a layer that has {len(given)} features ({names}), and {needs}", "give the layer of one"
+        )
+    if chosen[0]["holes"] and not holes:
+        feature = shown(chosen[0]["name"])
+        raise Invalid((), None, f"names {feature}, which has holes, and this polygon cannot have any", "fill them")
+    return tuple(tuple(map(float, point)) for point in chosen[0]["points"])
+
+
 Features = Annotated[str, _content(lambda info, name: info.context.features(name))]
 """Lines or polygons in plan by the name of a file and its layer, "site.gpkg#houses", likewise."""
 OrFile = Annotated[
@@ -259,27 +378,5 @@ OrFile = Annotated[
     Discriminator(lambda value: "(file)" if isinstance(value, str) else "(points)"),
 ]
 """Points, or features of a file."""
-
-
-def of_features(given: Any, where: str, name: str | None = None, *, holes: bool = False) -> Any:
-    """The points of what may be features of a file: those of this name, or of the only one.
-
-    Args:
-        given: points, or features as `scene._files.Files` has them, None for neither.
-        where: key of the scene, for messages.
-        name: of the feature, None for the only one.
-        holes: whether it may have some.
-
-    Raises:
-        ValueError: the file has several features, and none or many of this name; or it has holes.
-    """
-    if not given or not isinstance(given[0], dict):
-        return given or ()
-    mine = [each for each in given if name is not None and each["name"] == name] if len(given) > 1 else given
-    if len(mine) != 1:
-        names = ", ".join(shown(each["name"]) for each in given[:8])
-        asked = "one feature is needed" if name is None else f"{len(mine)} are called {shown(name)} in a column name"
-        raise ValueError(f"{where}: the layer has {len(given)} features ({names}), and {asked}: give the layer of one")
-    if mine[0]["holes"] and not holes:
-        raise ValueError(f"{where}: {shown(mine[0]['name'])} has holes, which this polygon cannot have: fill them")
-    return tuple(tuple(map(float, point)) for point in mine[0]["points"])
+Only = AfterValidator(lambda given: of_features(given))
+"""Of a type: the only feature of a file."""

@@ -7,13 +7,12 @@ from typing import Annotated, Self
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import ConfigDict
 from pydantic import model_validator as validates
-from pydantic.dataclasses import dataclass
 
 import kl
-from cooperative.scene.tables._key import Length, Metres, key, one_of
+from cooperative.scene.tables._key import Length, Metres, Part, key, one_of, table
 from cooperative.scene.tables._varying import MARGINALS, check_bounds
+from jaxmpm.support.check import Invalid
 
 LEVELS = {name: MARGINALS[name] for name in ("normal", "truncated normal", "uniform", "gumbel", "beta")}
 """Families that keep their shape when the zero of heights moves."""
@@ -21,8 +20,8 @@ AWAY = 100.0
 """Deviations by which levels are shifted above 0. The families do not change, but for bounds, which shift too."""
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid", validate_default=True))
-class RandomLevel:
+@table
+class RandomLevel(Part):
     """A water level that is drawn with each sample, as the level at which the sample stands from the start.
 
     The initial stress of each sample is solved with its own level, and soil below it has its saturated weight. A
@@ -42,9 +41,10 @@ class RandomLevel:
             kl.marginal.check_marginal(self._shifted)
         except ValueError as error:
             ends = f" between {self.lower} and {self.upper} m" if (self.lower, self.upper) != (None, None) else ""
-            raise ValueError(
-                f": sd = {self.sd:g} m about mean = {self.mean:g} m cannot be had{ends}: give less, or other bounds"
-            ) from error
+            raise Invalid(
+                ("sd",), f"{self.sd:g} m", f"about mean = {self.mean:g} m cannot be had{ends}",
+                "give less, or other bounds",
+            ) from error  # fmt: skip
         return self
 
     @property

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cooperative.scene.tables._key import AboveZero, Record, Table, key, one_of
+import jax.numpy as jnp
+import numpy as np
+
+from cooperative.scene.tables._key import AboveZero, Part, Record, key, one_of, table
+from jaxmpm import BaseMotion
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support.check import Invalid
+
+AXES = "xyz"
 
 UNITS = {"m/s2": 1.0, "cm/s2": 0.01, "g": STANDARD_GRAVITY}
 """Units of a record, in m/s2."""
 
 
-class Motion(Table):
+@table
+class Motion(Part):
     """Record of an earthquake that shakes the rigid base, from the stress at rest on.
 
     The scene is solved in the frame of its base: displacements are relative to it, and run-out with them. No run
@@ -26,3 +34,39 @@ class Motion(Table):
         "record.csv",
     )
     scale: AboveZero = key("Factor on the acceleration.", 1.5, 1.0)
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Of the record, before its scale (axes, n) m/s2.
+
+        Raises:
+            ValueError: the record is the name of a file.
+        """
+        if not isinstance(self.record, BaseMotion):
+            raise Invalid(("record",), repr(self.record), "", "give what jaxmpm.read_motion reads, or a scene in TOML")
+        return np.asarray(self.record.acceleration, float) * self.record_unit
+
+    def of_base(self, dimension: int) -> BaseMotion:
+        """The motion of the base (m/s2), along the axes of the ground.
+
+        Args:
+            dimension: number of the ground's axes.
+
+        Raises:
+            ValueError: a record along other axes, or without any motion.
+        """
+        acceleration = self.acceleration
+        if len(acceleration) == len(AXES) and dimension == 2:
+            if np.any(acceleration[1]):
+                raise ValueError(
+                    "[motion] record has a column y, along which a section does not move: name x and z alone"
+                )
+            acceleration = acceleration[[0, 2]]
+        if len(acceleration) != dimension:
+            raise ValueError(
+                f"motion has {len(acceleration)} axes, the ground {dimension}: give an acceleration along each"
+            )
+        if not np.abs(acceleration).max() > 0:
+            raise ValueError("[motion] record has no acceleration but 0: leave [motion] out")
+        assert isinstance(self.record, BaseMotion)
+        return BaseMotion(jnp.asarray(acceleration * self.scale, jnp.float32), jnp.asarray(self.record.interval))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, Protocol, TypeGuard, TypeVar, cast, get_args, get_origin
@@ -15,8 +15,8 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails
 from pydantic_core.core_schema import NullableSchema, WithDefaultSchema
 
-from cooperative.scene.tables._scene import Scene
-from jaxmpm.support.check import Limit
+from cooperative.scene.tables._key import keys
+from jaxmpm.support.check import Invalid, Limit
 from jaxmpm.support.text import shown
 
 Schema = JsonSchemaValue
@@ -27,7 +27,7 @@ MOST = 8
 RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 CHOICE = ("choice", "literal_error")
 UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
-NO_TABLE = ("model_type", "dataclass_type")
+NO_TABLE = ("model_type", "dataclass_type", "dataclass_exact_type")
 KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list", dict: "a table"}
 """What a value of TOML is, in words."""
 
@@ -50,10 +50,24 @@ def read(table: type[T], values: object, where: str = "", *, files: object = Non
     try:
         return TypeAdapter(table).validate_python(values, context=files)
     except ValidationError as error:
-        errors = error.errors(include_url=False)
-    faults = _faults(cast(type[Keyed], table), values, where, errors)
+        raise ValueError(_several(_faults(cast(type[Keyed], table), values, where, error))) from None
+
+
+def refusal(table: type, values: Mapping[str, object], error: ValidationError) -> ValueError:
+    """Why Python cannot make a part of a campaign.
+
+    Args:
+        table: class of the part.
+        values: by key, as Python gave them.
+        error: of pydantic.
+    """
+    return ValueError(_several(_faults(cast(type[Keyed], table), values, "", error)))
+
+
+def _several(faults: Sequence[str]) -> str:
+    """One message of all faults."""
     more = f"; and {len(faults) - MOST} more" if len(faults) > MOST else ""
-    raise ValueError("; ".join(faults[:MOST]) + more)
+    return "; ".join(faults[:MOST]) + more
 
 
 class Keyed(Protocol):
@@ -84,11 +98,13 @@ class _Entry:
 
     @property
     def section(self) -> str:
-        """The table that it is, in words."""
-        return f"[{self.whole}]" if self.whole else "the scene"
+        """The table that it is, in words; of no name the scene, or what Python calls it."""
+        if self.whole:
+            return f"[{self.whole}]"
+        return "the scene" if self.inner is None or self.inner.__name__ == "Scene" else self.inner.__name__
 
     def __str__(self) -> str:
-        if self.inner is not None and isinstance(self.value, dict):
+        if self.inner is not None and (isinstance(self.value, Mapping) or not self.key):
             return self.section
         return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
 
@@ -106,36 +122,40 @@ def _entry_at(table: type[Keyed], values: object, where: str, location: Iterable
             name = value.get("name") if isinstance(value, dict) else None
             label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
             entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
-        elif inner is not None and part in inner.__pydantic_fields__:
+        elif inner is not None and (part in keys(inner) or (isinstance(value, Mapping) and part in value)):
             path = (*entry.path, entry.key) if entry.key else ()
             here = value.get(part) if isinstance(value, Mapping) else None
-            entry = _Entry(path, part, here, table_in(inner.__pydantic_fields__[part]), inner, part)
+            declared = keys(inner).get(part)
+            entry = _Entry(path, part, here, None if declared is None else table_in(declared), inner, part)
         # What is left determines which of the types of a union it is.
     return entry
 
 
-def _faults(table: type[Keyed], values: object, where: str, errors: Iterable[ErrorDetails]) -> list[str]:
+def _faults(table: type[Keyed], values: object, where: str, error: ValidationError) -> list[str]:
     """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
+    errors = error.errors(include_url=False)
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
     wrong: dict[tuple[str, ...], str] = {}
     of_scene = False
-    for error in errors:
-        kind, location = error["type"], error["loc"]
+    for fault in errors:
+        kind, location = fault["type"], fault["loc"]
         if kind in UNKNOWN:
             entry = _entry_at(table, values, where, location[:-1])
             of_scene |= not entry.whole
             # What no message names needs no words.
-            likely = _suggestion(str(location[-1]), entry.inner) if len(unknown) < MOST else ""
+            likely = _suggestion(str(location[-1]), entry.inner, table) if len(unknown) < MOST else ""
             unknown.append(f"{entry.section} has an unknown key {shown(location[-1])}{likely}")
         elif kind == "missing" and isinstance(location[-1], str):
             entry = _entry_at(table, values, where, location[:-1])
-            name = location[-1] if entry.whole else f"[{location[-1]}]"
+            name = f"[{location[-1]}]" if entry.section == "the scene" else location[-1]
             lacking.setdefault(entry.section, []).append(name)
         else:
-            entry = _entry_at(table, values, where, location)
+            broken = fault["ctx"]["error"] if kind == "value_error" else None
+            path = broken.path if isinstance(broken, Invalid) else ()
+            entry = _entry_at(table, values, where, (*location, *path))
             if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
-                wrong[*entry.path, entry.key] = _wrong(entry, error)
+                wrong[*entry.path, entry.key] = _wrong(entry, fault)
     if of_scene:
         lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
     lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
@@ -146,7 +166,10 @@ def _wrong(entry: _Entry, error: ErrorDetails) -> str:
     """What is wrong with a value, what it may be, in words."""
     kind, value = error["type"], entry.value
     if kind == "value_error":
-        return f"{entry}{error['ctx']['error']}"
+        broken = error["ctx"]["error"]
+        if isinstance(broken, Invalid):
+            return broken.of(str(entry))
+        return f"{entry}: {broken}" if entry.key else str(broken)
     if kind in NO_TABLE:
         return f"{entry.whole} = {shown(value)} is {_kind(value)}: make it a table, {entry.section}"
     if entry.inner is not None and kind == "list_type":
@@ -174,30 +197,32 @@ def _kind(value: object) -> str:
     return KINDS.get(type(value), f"a {type(value).__name__}")
 
 
-def _suggestion(key: str, table: type[Keyed] | None) -> str:
+def _suggestion(key: str, table: type[Keyed] | None, whole: type[Keyed]) -> str:
     """What an unknown key may stand for, in words.
 
     One that the table knows by another word, one of another table, the nearest one, or else all that are known.
+
+    whole: the table around all.
     """
     assert table is not None
     if here := _synonyms(table, key):
         return f" (did you mean {' or '.join(here)}?)"
-    for section, field in Scene.__pydantic_fields__.items():
+    for section, field in keys(whole).items():
         other = table_in(field)
-        if other is not None and (there := [repr(key)] if key in other.__pydantic_fields__ else _synonyms(other, key)):
+        if other is not None and (there := [repr(key)] if key in keys(other) else _synonyms(other, key)):
             return f" (did you mean {there[0]} of [{section}]?)"
-    return _nearest(key, table.__pydantic_fields__) or f"; it knows {', '.join(table.__pydantic_fields__)}"
+    return _nearest(key, keys(table)) or f"; it knows {', '.join(keys(table))}"
 
 
 def _synonyms(table: type[Keyed], key: str) -> list[str]:
     """Keys of a table that are also called so, each in words."""
-    keys = []
-    for name, field in table.__pydantic_fields__.items():
+    named = []
+    for name, field in keys(table).items():
         extra = field.json_schema_extra
         words = str(extra.get("synonyms", "")).split() if isinstance(extra, dict) else []
         meanings = [word.partition("=")[2] for word in words if word.partition("=")[0] == key.lower()]
-        keys += [f"{name} ({meaning})" if meaning else repr(name) for meaning in meanings]
-    return keys
+        named += [f"{name} ({meaning})" if meaning else repr(name) for meaning in meanings]
+    return named
 
 
 def _nearest(word: object, known: Iterable[str]) -> str:

@@ -8,15 +8,17 @@ from annotated_types import MaxLen
 from pydantic import ConfigDict, Field
 from pydantic import model_validator as validates
 
-from cooperative.scene.tables._campaign import Campaign, Grid, Run
+from cooperative.scene.tables._campaign import Grid, PlanAndEstimator
 from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import Table, plain_name
 from cooperative.scene.tables._motion import Motion
-from cooperative.scene.tables._soil import CrossCorrelation, Layer, Soil
+from cooperative.scene.tables._run import Run
+from cooperative.scene.tables._soil import Layer, Soil
 from cooperative.scene.tables._stored import Calibration, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
-from cooperative.scene.tables._varying import Varying
+from cooperative.scene.tables._varying import CrossCorrelation, RandomField
+from jaxmpm.support.check import Invalid
 
 LONGEST_NAME = 200
 MOST_LAYERS = 100
@@ -38,7 +40,7 @@ class Scene(Table):
     layer: Annotated[list[Layer], MaxLen(MOST_LAYERS)] = Field(default_factory=list)
     water: Water | None = None
     soil: Soil | None = None
-    strength: Varying | None = None
+    strength: RandomField | None = None
     cross_correlation: CrossCorrelation | None = None
     rough: Grid
     refined: Grid = Field(description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`.")
@@ -49,7 +51,7 @@ class Scene(Table):
     )
     run: Run = Field(default_factory=Run)
     motion: Motion | None = None
-    campaign: Campaign
+    campaign: PlanAndEstimator
     hazard: Hazard | None = None
     exposed: Annotated[list[Exposed], MaxLen(MOST_LAYERS)] | None = None
     sweep: Sweep | None = Field(None, json_schema_extra={"minProperties": 1})
@@ -68,17 +70,17 @@ class Scene(Table):
         """Keys have an effect."""
         if self.soil is None:
             if self.strength is not None or not self.layer:
-                raise ValueError(" lacks [soil]: add it, or give each [[layer]] all of its own soil")
+                raise Invalid((), None, "lacks [soil]", "add it, or give each [[layer]] all of its own soil")
             return self
         if self.strength is not None and self.soil.strength is not None:
-            raise ValueError(": both [strength] and [soil] strength are given: leave one of them out")
+            raise Invalid((), None, "has both [strength] and [soil] strength", "leave one of them out")
         soils: list[Table] = [self.soil, *self.layer]
         cut_off = any("tension_cutoff" in table.model_fields_set for table in soils)
         if "gap_memory" in self.soil.model_fields_set and not cut_off:
-            raise ValueError(
-                ": [soil] gap_memory has no effect in soil without tension_cutoff, which opens no gap: leave it out, "
-                "or give tension_cutoff"
-            )
+            raise Invalid(
+                ("soil", "gap_memory"), None, "has no effect in soil without tension_cutoff, which opens no gap",
+                "leave it out, or give tension_cutoff",
+            )  # fmt: skip
         return self
 
     @validates(mode="after")
@@ -86,7 +88,7 @@ class Scene(Table):
         """A coarse grid and the number of samples that go on from it are given together."""
         if (self.coarse is None) != (self.campaign.rough_samples is None):
             given, lacks = ("[coarse]", "[campaign] rough_samples") if self.coarse else ("rough_samples", "[coarse]")
-            raise ValueError(f": {given} is given without {lacks}: give both, or neither")
+            raise Invalid((), None, f"has {given} without {lacks}", "give both, or neither")
         return self
 
     @property
@@ -100,10 +102,11 @@ class Scene(Table):
         given = [name for name in SITES if getattr(self, name) is not None]
         if len(given) != 1:
             has = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "has no ground"
-            raise ValueError(f" {has}: give one of {', '.join(f'[{name}]' for name in SITES)}")
+            raise Invalid((), None, has, f"give one of {', '.join(f'[{name}]' for name in SITES)}")
         for name in ("layer", "water"):
             if getattr(self, name) and self.slope is not None:
-                raise ValueError(
-                    f": [{name}] is for a scene with [ground], not with [slope]: draw the slope as a surface"
-                )
+                raise Invalid(
+                    (), None, f"has [{name}], which is for a scene with [ground], not with [slope]",
+                    "draw the slope as a surface",
+                )  # fmt: skip
         return self

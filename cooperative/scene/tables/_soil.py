@@ -17,19 +17,18 @@ from cooperative.scene.tables._key import (
     Metres,
     OrTable,
     Raster,
-    Rows,
-    Several,
     Table,
     Within,
     key,
     one_of,
     plain_name,
 )
-from cooperative.scene.tables._varying import Varying
+from cooperative.scene.tables._varying import RandomField
 from jaxmpm import PlasticStrain
 from jaxmpm import Soil as UndrainedSoil
 from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
 from jaxmpm.soil import soil_limits
+from jaxmpm.support.check import Invalid
 
 LONGEST_NAME = 200
 CRITERIA = {"mohr-coulomb": MohrCoulomb, "drucker-prager": DruckerPrager}
@@ -154,28 +153,12 @@ class _Soil(Table, Generic[F]):
     )
 
 
-class Soil(_Soil[Varying]):
+class Soil(_Soil[RandomField]):
     """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction.
 
     A parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`.
     Units are Pa, N/m3 and degrees: a number that looks like kPa or kN/m3 is refused, see `unusual`.
     """
-
-
-class CrossCorrelation(Table):
-    """Parameters that vary together; those that no such table names vary independently.
-
-    They need the same `length`, `correlation`, `bedding`, `energy` and `nataf`.
-    """
-
-    parameters: Several[str] = key(
-        "Names of the parameters.", ["cohesion", "friction"], allowed="names of two or more that vary, each once"
-    )
-    matrix: Rows = key(
-        "Their correlation, a row for each.", [[1.0, -0.5], [-0.5, 1.0]],
-        allowed="a list of lists, symmetric, 1 on the diagonal, positive definite",
-    )  # fmt: skip
-    nataf: bool = key("Whether it is that of the parameters, not that of the Gaussian fields behind them.", True, False)
 
 
 OF_A_FIELD = (
@@ -216,7 +199,9 @@ VaryingInLayer: Any = create_model(
     "VaryingInLayer",
     __base__=Table,
     __doc__="What a layer may give of a parameter that varies.",
-    **_optional({name: each for name, each in Varying.model_fields.items() if name != "sampled_at"}, "that of [soil]"),
+    **_optional(
+        {name: each for name, each in RandomField.__pydantic_fields__.items() if name != "sampled_at"}, "that of [soil]"
+    ),
 )
 _SoilOfLayer: Any = create_model(
     "_SoilOfLayer", __base__=Table, **_optional(_Soil[VaryingInLayer].model_fields, "that of [soil]")
@@ -259,5 +244,5 @@ class Layer(_SoilOfLayer):
     @validates(mode="after")
     def _one_boundary(self) -> Self:
         if self.bottom is not None and self.raster is not None:
-            raise ValueError(" has both bottom and raster: give one of them")
+            raise Invalid((), None, "has both bottom and raster", "give one of them")
         return self

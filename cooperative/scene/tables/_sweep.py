@@ -10,6 +10,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 from pydantic import model_validator as validates
 
 from cooperative.scene.tables._key import FromZero, Length, Several, T, Table, check_name, key, plain_name
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
 
 LONGEST_NAME = 60
@@ -34,7 +35,7 @@ def flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
 
 def _different(values: tuple[T, ...]) -> tuple[T, ...]:
     if len(set(values)) < len(values):
-        raise ValueError(f" = {list(values)}: give a list of different numbers")
+        raise Invalid((), str(list(values)), "", "give a list of different numbers")
     return values
 
 
@@ -83,7 +84,7 @@ class Sweep(Table):
             alike = isinstance(values, list) and all(isinstance(v, kinds) and not isinstance(v, bool) for v in values)
             if not alike or not values or len(set(values)) < len(values):
                 what = "names of files" if path == RECORDS else "numbers"
-                raise ValueError(f" {path} = {shown(values)}: give a list of different {what}")
+                raise Invalid((path,), shown(values), "", f"give a list of different {what}")
             for name in values if kinds is str else ():
                 check_name(name, MOST_PATH)
         return self

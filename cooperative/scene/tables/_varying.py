@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Annotated, Literal, Self
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Annotated, Literal, Self, TypeVar
 
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
 from pydantic import model_validator as validates
 
 import kl
@@ -12,17 +18,40 @@ from cooperative.scene.tables._key import (
     AboveZero,
     Data,
     Degrees,
+    Flag,
     FromZero,
     Metres,
     Number,
+    Part,
     PerAxis,
-    Table,
+    Rows,
+    Several,
+    Text,
     Within,
     key,
     one_of,
+    table,
 )
-from jaxmpm.support.check import Limit, above_zero
-from kl.axis import Scaled
+from jaxmpm.soil import soil_limits
+from jaxmpm.support.check import Invalid, Limit, above_zero
+from jaxmpm.support.text import shown
+from kl.axis import Covariance, Scaled
+from kl.marginal import Marginal
+
+D = TypeVar("D", float, np.ndarray)
+
+TAIL = 4.0
+"""Deviations from the middle of a field up to which its values must be within their limits: beyond lie 3 points in
+100,000 on either side."""
+
+CONTACT = {"interface_friction": "wall_friction", "interface_cohesion": "wall_cohesion"}
+"""Parameters of an interface that may vary, by what `jaxmpm.with_soil` calls them."""
+
+LIMITS = {**soil_limits(), **{name: soil_limits()[name.removeprefix("interface_")] for name in CONTACT}}
+"""Limits of what may vary, by parameter of the soil or of an interface."""
+
+Span = tuple[float, float]
+"""Elevations (m) of the base and of the highest point of ground."""
 
 CORRELATIONS: dict[str, type[Scaled]] = {
     "squared exponential": kl.SquaredExponential,
@@ -54,20 +83,21 @@ def check_bounds(marginal: type, lower: float | None, upper: float | None) -> No
         upper: bound.
 
     Raises:
-        ValueError: the end of a message.
+        Invalid: a bound too many, or one too few.
     """
-    known = {each.name for each in fields(marginal)}
+    names = {part.name for part in fields(marginal)}
     for end, value in (("lower", lower), ("upper", upper)):
-        if value is not None and end not in known:
-            raise ValueError(
-                f" {end} = {value:g}: {marginal.__name__} has no such bound, leave it out, or give marginal = "
-                "'truncated normal' or 'beta'"
-            )
+        if value is not None and end not in names:
+            raise Invalid(
+                (end,), f"{value:g}", "",
+                f"{marginal.__name__} has no such bound, leave it out, or give marginal = 'truncated normal' or 'beta'",
+            )  # fmt: skip
     if marginal is kl.Beta and None in (lower, upper):
-        raise ValueError(" lacks lower or upper, between which a beta distribution lies: add both")
+        raise Invalid((), None, "lacks lower or upper, between which a beta distribution lies", "add both")
 
 
-class Bedding(Table):
+@table
+class Bedding(Part):
     """Inclined strata."""
 
     dip: Annotated[float, Within(Limit(least=0, most=90, unit="degrees"))] = key("Dip below the horizontal.", 15.0)
@@ -77,7 +107,8 @@ class Bedding(Table):
     )  # fmt: skip
 
 
-class Varying(Table):
+@table
+class RandomField(Part):
     """The random field of undrained shear strength, in short for `[soil.strength]`.
 
     Every parameter that varies has these keys, in its own unit. Values within 4 standard deviations must be physically
@@ -89,16 +120,16 @@ class Varying(Table):
         synonyms="su s_u cu undrained_strength shear_strength average",
     )  # fmt: skip
     cov: FromZero = key("Coefficient of variation.", 0.3, synonyms="sd std sigma deviation coefficient_of_variation")
-    marginal: Annotated[type, one_of(MARGINALS)] = key(
-        "Distribution of the parameter at a point.", "lognormal", "lognormal"
-    )
-    correlation: Annotated[type, one_of(CORRELATIONS)] = key(
-        "Family of correlation functions, see [random fields](random-fields.md).", "exponential", "squared exponential"
-    )
     length: PerAxis[Annotated[float, Within(above_zero("m"), infinite=True)]] = key(
         "Correlation length along each axis, as defined by the family; inf: constant along the axis.", [60.0, 2.0],
         synonyms="lx ly lz theta scale_of_fluctuation correlation_length correlation_lengths",
     )  # fmt: skip
+    marginal: Annotated[type, one_of(MARGINALS, type)] = key(
+        "Distribution of the parameter at a point.", "lognormal", "lognormal"
+    )
+    correlation: Annotated[type, one_of(CORRELATIONS, type)] = key(
+        "Family of correlation functions, see [random fields](random-fields.md).", "exponential", "squared exponential"
+    )
     energy: Annotated[float, Within(Limit(above=0, most=1))] = key(
         "Share of the field's variance that its terms hold.", 0.999, 0.999
     )
@@ -132,7 +163,7 @@ class Varying(Table):
         None,
         otherwise="level strata",
     )
-    nataf: bool = key(
+    nataf: Flag = key(
         "Whether the parameter itself has the correlation, not the Gaussian field behind it.", True, False
     )
     boreholes: Data | None = key(
@@ -165,3 +196,205 @@ class Varying(Table):
     def _bounds(self) -> Self:
         check_bounds(self.marginal, self.lower, self.upper)
         return self
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether each sample has its own mean and coefficient of variation."""
+        return self.mean_error > 0 or self.cov_error > 0
+
+    def drawn(self, scores: Array | np.ndarray) -> Marginal:
+        """The marginal of a sample, of lognormal mean and coefficient of variation.
+
+        Args:
+            scores: (2,) standard normal, of the mean and of the coefficient of variation.
+        """
+        pairs = ((self.mean, self.mean_error), (self.cov, self.cov_error))
+        # Of no error the number stays what it is, to the last bit.
+        mean, cov = (
+            kl.Lognormal(value, error / value).transform(jnp.asarray(score)) if error > 0 else value
+            for (value, error), score in zip(pairs, scores, strict=True)
+        )
+        return self.marginal(mean, cov)
+
+    def factor(self, score: Array | np.ndarray | float) -> Array:
+        """What a sample's parameter is multiplied by everywhere, lognormal of mean 1.
+
+        Args:
+            score: standard normal, of any shape.
+        """
+        return kl.Lognormal(1.0, self.factor_cov).transform(jnp.asarray(score))
+
+    @property
+    def distribution(self) -> Marginal:
+        """The marginal, of the parameter at depth 0 where it has a trend."""
+        bounds = {"lower": self.lower, "upper": self.upper}
+        return self.marginal(self.mean, self.cov, **{end: at for end, at in bounds.items() if at is not None})
+
+    @property
+    def covariance(self) -> tuple[Covariance, ...]:
+        """The correlation functions of the Gaussian field, one per axis."""
+        plain = tuple(kl.Infinite() if length == math.inf else self.correlation(length) for length in self.length)
+        if not self.nataf:
+            return plain
+        return tuple(
+            axis if isinstance(axis, kl.Infinite) else kl.marginal.nataf_corrected(axis, self.distribution)
+            for axis in plain
+        )
+
+    def deepest(self, span: Span) -> float:
+        """Largest depth (m) of ground between two elevations, as the trend counts it."""
+        base, top = span
+        return (top if isinstance(self.trend_from, str) else self.trend_from) - base
+
+    def grown(self, depth: D) -> D | float:
+        """Mean at a depth (m) over that at depth 0."""
+        return 1.0 if self.trend is None else 1.0 + self.trend / self.mean * depth
+
+    def extremes(self, span: Span) -> tuple[float, float]:
+        """Least and largest value within `TAIL` deviations, in ground between two elevations (m)."""
+        at = np.asarray(self.distribution.transform(jnp.asarray([-TAIL, 0.0, TAIL])), float)
+        ends = np.outer(at[[0, 2]], [1.0, self.grown(self.deepest(span))])
+        if self.factor_cov > 0:
+            ends = np.multiply.outer(ends, np.asarray(self.factor(np.array([-TAIL, TAIL])), float))
+        return float(ends.min()), float(ends.max())
+
+    def check(self, where: str, limit: Limit, span: Span) -> None:
+        """Check that values stay within the limits of the parameter.
+
+        Args:
+            where: name of the parameter, for messages.
+            limit: of the parameter.
+            span: of the ground.
+
+        Raises:
+            ValueError: values beyond the limit, a trend that the ground does not have, boreholes of other axes, or a
+                mean that is uncertain where it cannot be.
+        """
+        kl.marginal.check_marginal(self.distribution)
+        self._check_errors(where)
+        depth = self.deepest(span)
+        if self.trend is None and self.trend_from != "surface":
+            raise ValueError(f"{where} trend_from = {self.trend_from!r} without a trend: add trend, or leave it out")
+        if self.trend_from != "surface" and depth <= 0:
+            raise ValueError(
+                f"{where} trend_from = {self.trend_from:g} m is not above the base of the ground at {span[0]:g} m: "
+                "give an elevation within the ground or above it"
+            )
+        if self.grown(depth) <= 0:
+            raise ValueError(
+                f"{where} trend = {self.trend:g} per metre brings the mean of {self.mean:g} to "
+                f"{self.mean * self.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
+            )
+        for value in self.extremes(span):
+            if not limit.holds(value):
+                number = f"{value:.3g} {limit.unit}".rstrip()
+                raise ValueError(
+                    f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a smaller "
+                    "cov, or marginal = 'truncated normal' with lower and upper"
+                )
+        for row in self.boreholes or ():
+            if len(row) != len(self.length) + 1:
+                raise ValueError(
+                    f"{where} boreholes hold {list(row)}: give {len(self.length) + 1} numbers, the position and the "
+                    "value"
+                )
+        points = Counter(row[:-1] for row in self.boreholes or ())
+        at, most = points.most_common(1)[0] if points else ((), 0)
+        if most > 1 and not self.borehole_error:
+            raise ValueError(
+                f"{where} boreholes hold {most} values at {list(at)} m and no error: give borehole_error, or one value "
+                "there"
+            )
+
+    def _check_errors(self, where: str) -> None:
+        """Raise ValueError for errors of mean and cov that are too large, or of a marginal that cannot have them."""
+        if not self.uncertain:
+            return
+        if self.marginal not in (kl.Lognormal, kl.Normal) or self.nataf:
+            raise ValueError(
+                f"{where} has mean_error or cov_error, which need marginal = 'lognormal' or 'normal' without nataf: "
+                "leave them out"
+            )
+        for name, error, value in (("mean", self.mean_error, self.mean), ("cov", self.cov_error, self.cov)):
+            if error > 2 * value:
+                raise ValueError(
+                    f"{where} {name}_error = {error:g} exceeds twice the {name} of {value:g}: give the standard error "
+                    "in the same unit, or measure more"
+                )
+
+    @property
+    def strata(self) -> kl.Bedding | None:
+        """Inclined strata, which dip towards +x unless they have a strike; None for level ones."""
+        if self.bedding is None:
+            return None
+        return kl.Bedding(self.bedding.dip, 90.0 if self.bedding.strike is None else self.bedding.strike)
+
+    def dipping(self, downhill: int) -> RandomField:
+        """The field in ground that falls along x (1) or against x (-1): strata dip so unless they have a strike."""
+        if self.bedding is None or self.bedding.strike is not None:
+            return self
+        return replace(self, bedding=replace(self.bedding, strike={1: 90.0, -1: 270.0}[downhill]))
+
+
+@table
+class CrossCorrelation(Part):
+    """Parameters that vary together; those that no such table names vary independently.
+
+    They need the same `length`, `correlation`, `bedding`, `energy` and `nataf`.
+    """
+
+    parameters: Several[Text] = key(
+        "Names of the parameters.", ["cohesion", "friction"], allowed="names of two or more that vary, each once"
+    )
+    matrix: Rows = key(
+        "Their correlation, a row for each.", [[1.0, -0.5], [-0.5, 1.0]],
+        allowed="a list of lists, symmetric, 1 on the diagonal, positive definite",
+    )  # fmt: skip
+    nataf: Flag = key("Whether it is that of the parameters, not that of the Gaussian fields behind them.", True, False)
+
+    def gaussian_root(self, random: Mapping[str, RandomField]) -> np.ndarray:
+        """What independent Gaussian fields (P,) are multiplied by, to be correlated (P, P).
+
+        Raises:
+            ValueError: a matrix that is no correlation, or that the marginals cannot have.
+        """
+        try:
+            if not self.nataf:
+                return kl.soil.correlation_root(self.matrix)
+            kl.soil.correlation_root(self.matrix)
+            marginals = tuple(random[name].distribution for name in self.parameters)
+            return kl.soil.correlation_root(kl.soil.nataf_matrix(self.matrix, marginals))
+        except ValueError as error:
+            raise ValueError(f"cross_correlation: {error}") from error
+
+
+def check_cross_correlation(correlation: CrossCorrelation, random: Mapping[str, RandomField]) -> None:
+    """Raise ValueError for parameters that do not vary, or not alike, and for a matrix that is no correlation."""
+    for name in correlation.parameters:
+        if name not in random:
+            raise ValueError(
+                f"cross_correlation: parameters hold {shown(name)}, which is no parameter that varies: give some of "
+                f"{', '.join(random)}"
+            )
+    if len(set(correlation.parameters)) != len(correlation.parameters) or len(correlation.parameters) < 2:
+        raise ValueError(f"cross_correlation: parameters = {list(correlation.parameters)}: give two or more, each once")
+    if {len(row) for row in correlation.matrix} | {len(correlation.matrix)} != {len(correlation.parameters)}:
+        raise ValueError(
+            f"cross_correlation: matrix has {len(correlation.matrix)} rows of {len(correlation.matrix[0])} numbers for "
+            f"{len(correlation.parameters)} parameters: give a row and a column for each"
+        )
+    first, *others = (random[name] for name in correlation.parameters)
+    for name, other in zip(correlation.parameters[1:], others, strict=True):
+        if _shape(other) != _shape(first):
+            raise ValueError(
+                f"cross_correlation: {name} has not the length, correlation, bedding, energy and nataf of "
+                f"{correlation.parameters[0]}: fields that correlate need the same"
+            )
+    correlation.gaussian_root(random)
+
+
+def _shape(field: RandomField) -> tuple[object, ...]:
+    """What fields that correlate have in common: their expansion."""
+    shared = (field.correlation, field.length, field.strata, field.energy, field.nataf)
+    bounds = (None if end is None else end / field.mean for end in (field.lower, field.upper))
+    return (*shared, field.marginal, field.cov, *bounds) if field.nataf else shared

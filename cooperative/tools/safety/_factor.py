@@ -139,7 +139,7 @@ def factor_of_safety(
         campaign = replace(campaign, run=replace(campaign.run, k_h=k_h))
     run = campaign.run
     loads = [f"{name} = {value:g}" for name, value in (("k_h", run.k_h), ("k_v", run.k_v)) if value]
-    loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (run.motion is not None)
+    loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (campaign.motion is not None)
     if water:
         campaign = replace(campaign, ground=_raised(campaign, water))
     if sample is not None and not campaign.random and campaign.site.level is None:

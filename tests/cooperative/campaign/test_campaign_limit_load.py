@@ -58,7 +58,7 @@ def test_it_is_measured_once_and_stored(done):
     assert (folder / "measured.json").stat().st_mtime_ns == stamp
     campaign = campaign_of(read_store(folder))
     assert campaign.run.failure_displacement == summary.probability.limit_load.displacement
-    assert campaign.run.settle.slides == campaign.run.failure_displacement
+    assert campaign.run.settling.slides == campaign.run.failure_displacement
     measured = json.loads((folder / "measured.json").read_text())
     measured["limit_load"]["displacement"] = -1.0
     (folder / "measured.json").write_text(json.dumps(measured))

@@ -21,6 +21,8 @@ from benchmarks.robustness.invented import LAYERED, TERRAIN, TINY
 from cooperative import (
     Campaign,
     CrossCorrelation,
+    Grid,
+    Hazard,
     MonteCarlo,
     Plan,
     Published,
@@ -38,7 +40,7 @@ from cooperative import (
 )
 from cooperative.folder import read_results
 from cooperative.reporting._sentences import probability
-from cooperative.scene import Given, _words, campaign_of, parse
+from cooperative.scene import Exposed, Given, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, of_words, source_checksum, source_of_value
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_own_soil import SensitiveClay, Tresca
@@ -52,7 +54,7 @@ CLAY = mpm.Soil(
 
 
 def grid(cell):
-    return mpm.cell_independent(mpm.Discretisation(cell, (cell / 2, cell / 2), cfl=0.9), CLAY)
+    return Grid(cell, (cell / 2, cell / 2))
 
 
 TINY_IN_PYTHON = Campaign(
@@ -95,10 +97,6 @@ def test_ground_alone_is_a_site_and_the_soil_has_the_means_of_what_varies():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"run": Run(t_end=-1.0)}, r"Campaign\(run=Run\(...\)\): t_end = -1 s: give a finite value above 0"),
-        ({"run": Run(slides_t_end=1.0)}, r"slides_t_end = 1 s is before t_end = 20 s"),
-        ({"plan": Plan(samples=0)}, r"Campaign\(plan=Plan\(...\)\): samples = 0: give a whole number of 1 or more"),
-        ({"plan": Plan(samples=6, seed=-1)}, r"seed = -1: give a whole number of 0 or more"),
         ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"length of strength has 1 values: give 2"),
         ({"run": Run(slides_t_end=30.0), "plan": Plan(samples=6, slides=0)}, "has no effect beside slides = 0"),
         ({"run": Run(least_volume=1e6)}, "least_volume = 1e[+]06 m2: give more than 0 and less than"),
@@ -117,6 +115,37 @@ def test_a_value_is_checked_as_a_scene_is_and_no_table_of_a_scene_named(changed,
     with pytest.raises(ValueError, match=message) as refused:
         replace(TINY_IN_PYTHON, **changed)
     assert "estimator" in changed or not re.search(r"\[[a-z_]+\]", str(refused.value))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Run(t_end=-1.0), "t_end = -1 s: give a finite value above 0"),
+        (lambda: Run(t_end="20"), "t_end = '20' is text: give a number"),
+        (lambda: Run(early="maybe"), "early = 'maybe' is text: give true or false"),
+        (lambda: Run(settle="yes"), "settle = 'yes' is text: give true or false"),
+        (lambda: Run(settle=1), "settle = 1 is a whole number: give true or false"),
+        (lambda: Run(cfl=1.0), "cfl = 1: give a value above 0 and below 1"),
+        (lambda: Run(slides_t_end=1.0), "slides_t_end = 1 s is before t_end = 20 s, up to which all runs go: give"),
+        (lambda: Run(rest=True, settle=False), "rest = true with settle = false: a slide that rests has settled"),
+        (lambda: Run(duration=3.0), "Run has an unknown key 'duration' (did you mean 't_end'?)"),
+        (lambda: Plan(), "Plan lacks samples: add it"),
+        (lambda: Plan(0), "samples = 0: give a whole number of 1 or more"),
+        (lambda: Plan(samples=6, seed=-1), "seed = -1: give a whole number of 0 or more"),
+        (lambda: Plan(6, fields="rouhg"), "fields = 'rouhg': give one of 'none', 'refined', 'both'"),
+        (lambda: Grid(2.0), "Grid lacks spacing: add it"),
+        (lambda: Grid(2.0, (0.0, 1.0)), "spacing = (0.0, 1.0) m: give a list of numbers, one per axis, each a finite"),
+        (lambda: RandomField(30e3, -0.1, (20.0, 4.0)), "cov = -0.1: give a finite value of 0 or more"),
+        (lambda: RandomField(30e3, 0.1, (20.0, 4.0), lower=1.0), "lower = 1: Lognormal has no such bound"),
+        (lambda: Hazard(["50"]), "thresholds = '50' has no unit: give one of m, cm, m/s, km/h"),
+        (lambda: Exposed("house"), "Exposed has no position: give one of at = [x]"),
+        (lambda: replace(TINY_IN_PYTHON, run=3), "run = 3 is a whole number: make it a table"),
+    ],
+)
+def test_a_part_of_a_campaign_is_refused_in_one_line_by_its_class(make, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}") as refused:
+        make()
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("text", [TINY, LAYERED, TERRAIN, TINY + HAZARD, SAND + CORRELATED])
@@ -165,8 +194,8 @@ def test_it_runs_goes_on_and_is_reported_from_its_folder_alone(done):
 
 def test_the_folder_of_another_campaign_is_refused(done):
     folder, _ = done
-    with pytest.raises(ValueError, match=r"campaign\.rough\.cfl is 0\.9 there and 0\.5 now"):
-        run(replace(SHORT, rough=replace(SHORT.rough, cfl=0.5)), folder)
+    with pytest.raises(ValueError, match=r"campaign\.run\.cfl is 0\.9 there and 0\.5 now"):
+        run(replace(SHORT, run=replace(SHORT.run, cfl=0.5)), folder)
     with pytest.raises(ValueError, match="it is written in Python there and a scene now"):
         run(TINY, folder)
 
@@ -266,7 +295,7 @@ from typing import Any
 import jax.numpy as jnp
 import jaxmpm as mpm
 import kl
-from cooperative import Campaign, MonteCarlo, Plan, RandomField, Run, run
+from cooperative import Campaign, Grid, MonteCarlo, Plan, RandomField, Run, run
 from jaxmpm.laws import add, elastic_increment
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 
@@ -277,7 +306,7 @@ if __name__ == "__main__":
     campaign = Campaign(
         ground=mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=16.0, foundation=2.0), soil=SensitiveClay(),
         random={"strength": RandomField(25e3, 0.4, (20.0, 4.0), trend=1e3)},
-        rough=mpm.Discretisation(2.0, (1.0, 1.0)), refined=mpm.Discretisation(1.0, (0.5, 0.5)),
+        rough=Grid(2.0, (1.0, 1.0)), refined=Grid(1.0, (0.5, 0.5)),
         run=Run(t_end=0.5), plan=Plan(samples=3), estimator=MonteCarlo(refined_runs=10))
     print(run(campaign, sys.argv[1], workers=int(sys.argv[2])).probability.value)
 """

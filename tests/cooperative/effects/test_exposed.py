@@ -102,7 +102,7 @@ def test_an_element_at_risk_outside_the_ground_is_refused_before_anything_runs()
 
 @given(st.floats(0, 1e6), st.sampled_from(["m", "cm", "m/s", "km/h"]))
 def test_a_quantity_is_read_with_its_unit(number, unit):
-    of, value = quantity("x", f"{number!r} {unit}")
+    of, value = quantity(f"{number!r} {unit}")
     assert of == ("speed" if "/" in unit else "thickness")
     assert value == pytest.approx(number * {"m": 1, "cm": 0.01, "m/s": 1, "km/h": 1 / 3.6}[unit])
 

@@ -159,7 +159,7 @@ def test_slides_that_had_not_come_to_rest_are_counted_and_all_they_do_is_at_leas
     risks = _page.risks(settled, settled.consequences.risk)
     assert "at least" not in " ".join([*risks, *settled.notes, words.cut_off(settled)])
     # Where nothing looks for rest it is not known.
-    campaign = replace(campaign, run=replace(campaign.run, settle=None))
+    campaign = replace(campaign, run=replace(campaign.run, settle=False))
     assert any("not looked at for rest" in note for note in summarise(campaign, rough, refined).notes)
 
 

@@ -129,7 +129,7 @@ def test_a_refined_run_stands_for_the_samples_that_it_was_drawn_from():
 def test_a_sweep_refines_the_same_samples_and_stores_its_audit(tmp_path):
     from cooperative.scene import stored_measured
     from cooperative.store import read_rows, read_store
-    from tests.cooperative.campaign.test_sweep import SWEEP
+    from tests.cooperative.tools.test_sweep import SWEEP
 
     text = SWEEP.replace("cov = [0.2, 0.4]\nk_t = [1, 2]\n", "").replace("samples = 6", "samples = 14")
     text = text.replace('estimator = "published"', "refined_runs = 10")

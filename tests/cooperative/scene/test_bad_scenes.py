@@ -10,7 +10,7 @@ from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
 from cooperative.scene import SEVERAL, TABLES, parse, read_scene
-from cooperative.scene.tables import _reading
+from cooperative.scene.tables import _reading, keys
 from cooperative.store import open_store, read_store
 from tests.cooperative.campaign.test_campaign import SCENES, TINY
 
@@ -47,7 +47,7 @@ def wrong_values():
     return [*numbers, '"text"', "true", "[]", "[1.0]", "[nan, nan]", "[[1]]", "{}", "1979-05-27", "'\\u001b'"]
 
 
-KEYS = [(section, key) for section, table in TABLES.items() for key in table.model_fields if section != "sweep"]
+KEYS = [(section, key) for section, table in TABLES.items() for key in keys(table) if section != "sweep"]
 
 
 @pytest.mark.parametrize(("section", "key"), KEYS, ids=[f"{section}-{key}" for section, key in KEYS])

@@ -39,7 +39,7 @@ def test_the_axis_that_is_too_far_is_named():
     far = drawn("[[0, 9012], [20, 9012], [36, 9004], [60, 9004]]\nbase = 9000.0")
     campaign = parse(far)
     with pytest.raises(ValueError, match=r"the section lies at z = 9000 to 9012 m, which float32 resolves"):
-        campaign.site.shape.cells(campaign.rough)
+        campaign.site.shape.cells(campaign.grids["rough"])
 
 
 def test_check_warns_of_a_road_on_the_crest(tmp_path, monkeypatch, capsys):

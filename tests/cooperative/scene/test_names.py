@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative.reporting import save, sweeps
+from cooperative.reporting import save
 from cooperative.scene import parse, read_scene, tables, to_toml, variants
 from cooperative.store import Source
-from cooperative.tools import sweep
+from cooperative.tools import sweep, sweep_report
 from cooperative.tools.soundings import read_files
 from tests.cooperative.campaign.test_campaign import TINY
 
@@ -54,10 +54,10 @@ def test_any_text_of_a_scene_comes_back_from_its_toml(value):
 def test_a_dollar_in_a_name_is_drawn_as_it_is(tmp_path):
     summary = parse(TINY)  # any object: figures take what they draw from its fields
     assert summary
-    point = sweeps.Point("cost $1 and $x_{", "scenario-1", _summary())
+    point = sweep_report.Point("cost $1 and $x_{", "scenario-1", _summary())
     named = {"scenario": [point, dataclasses.replace(point, value="$$")], "layer.a$b.strength.mean": [point]}
-    save(sweeps.probabilities(named), tmp_path / "a.png")
-    assert sweeps.label_of("motion.scale of $a$.csv") == r"scale of the record [-], \$a\$.csv"
+    save(sweep_report.probabilities(named), tmp_path / "a.png")
+    assert sweep_report.label_of("motion.scale of $a$.csv") == r"scale of the record [-], \$a\$.csv"
 
 
 def _summary():

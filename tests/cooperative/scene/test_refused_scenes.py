@@ -10,12 +10,12 @@ from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative import run, runs
 from cooperative.example_scenes import example
 from cooperative.tools import sweep
-from tests.cooperative.campaign.test_sweep import SWEEP
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_mixed_scenes import MIXED
 from tests.cooperative.scene.test_random_level import SCENE as RANDOM_LEVEL
 from tests.cooperative.scene.test_random_soil import CORRELATED, CRACKED, SAND, SOFT
 from tests.cooperative.scene.test_scene_sections import WET
+from tests.cooperative.tools.test_sweep import SWEEP
 from tests.jaxmpm.laws.test_strength_ratio import CONSTANT
 from tests.jaxmpm.laws.test_trend import SCENE as TREND
 

@@ -59,11 +59,11 @@ def test_k_h_and_k_v_are_those_of_the_solver_and_leave_the_consolidated_strength
     campaign = parse(SCENE.replace("t_end = 4.0", "t_end = 4.0\nk_h = 0.1\nk_v = -0.05"))
     scene, state = built(campaign, "rough")
     shape = mpm.Section(((0.0, HEIGHT), (2.0, HEIGHT)))
-    own, start = mpm.section(shape, campaign.soil, campaign.rough, ends="tied", **coefficients)
+    own, start = mpm.section(shape, campaign.soil, campaign.grids["rough"], ends="tied", **coefficients)
     np.testing.assert_array_equal(scene.gravity, own.gravity)
     np.testing.assert_array_equal(state.stress, start.stress)
     slope = mpm.Slope(crest=4, height=4, run_per_rise=1.0, toe=8, foundation=2)
-    scene, _ = mpm.slope(slope, campaign.soil, campaign.rough, at_rest=False, **coefficients)
+    scene, _ = mpm.slope(slope, campaign.soil, campaign.grids["rough"], at_rest=False, **coefficients)
     np.testing.assert_allclose(scene.gravity, [0.981, -1.05 * 9.81], rtol=1e-6)
     ratio = "strength_ratio = 0.25\nstrength_minimum = 2e3\n[water]\nlevel = 4.0\n[soil.young]\nmean = 2e7\n"
     consolidated = SCENE.replace("young = 2e7\n", "").replace(
@@ -83,20 +83,20 @@ def test_a_record_gives_the_numbers_of_the_solver_and_goes_with_the_scene(tmp_pa
     campaign = parse(source)
     (tmp_path / "again.csv").write_text(RECORD)
     motion = mpm.read_motion(tmp_path / "again.csv", scale=0.5 * STANDARD_GRAVITY)
-    np.testing.assert_allclose(campaign.run.motion.acceleration, motion.acceleration, rtol=1e-6)
+    np.testing.assert_allclose(campaign.shaking.acceleration, motion.acceleration, rtol=1e-6)
     shape = mpm.Section(((0.0, HEIGHT), (2.0, HEIGHT)))
-    own = mpm.section(shape, campaign.soil, campaign.rough, ends="tied", motion=campaign.run.motion)
+    own = mpm.section(shape, campaign.soil, campaign.grids["rough"], ends="tied", motion=campaign.shaking)
     ends = [mpm.advance(*each, 60) for each in (built(campaign, "rough"), own)]
     np.testing.assert_array_equal(ends[0].displacement, ends[1].displacement)
     assert np.abs(ends[0].displacement[0]).max() > 1e-4
-    assert read(campaign).run.motion.acceleration.shape == (2, 101)  # as a folder keeps one that was written in Python
+    assert read(campaign).shaking.acceleration.shape == (2, 101)  # as a folder keeps one that was written in Python
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("g", STANDARD_GRAVITY), ("cm/s2", 0.01), ("m/s2", 1.0)])
 def test_the_unit_that_a_record_states_is_that_of_the_scene(unit, factor, tmp_path):
     headed = RECORD.replace("time,x,z", f"Time (s),ax [{unit}],az [{unit}]")
     usual = SCENE.replace("[soil]", "[soil]\nunusual = true")
-    read = parse(shaken(tmp_path, headed, MOTION.replace('"g"', f'"{unit}"'), usual)).run.motion
+    read = parse(shaken(tmp_path, headed, MOTION.replace('"g"', f'"{unit}"'), usual)).shaking
     assert np.isclose(np.abs(read.acceleration[0]).max(), 0.5 * 0.2 * factor, rtol=1e-3)
     other = "cm/s2" if unit == "g" else "g"
     with pytest.raises(ValueError, match=f"has its x in {unit}, and {other} is asked for"):

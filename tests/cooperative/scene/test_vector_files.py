@@ -330,7 +330,7 @@ polygon = POLYGON
 def test_a_closed_ring_is_the_open_one():
     ring = [[60.0, 60.0], [70.0, 60.0], [70.0, 70.0], [60.0, 70.0]]
     opened, closed = (
-        tables.read(Exposed, {"name": "house", "polygon": given}, "exposed").corners
+        tables.read(Exposed, {"name": "house", "polygon": given}, "exposed").polygon
         for given in (ring, [*ring, ring[0]])
     )
     assert opened == closed == tuple(map(tuple, ring))

@@ -70,7 +70,7 @@ def test_records_are_crossed_with_their_scales_and_packed(tmp_path):
         (("motion.scale of other.csv", 0.5),),
         (("motion.scale of other.csv", 2.0),),
     ]
-    peaks = [float(np.abs(parse(part.source).run.motion.acceleration[0]).max()) for part in parts]
+    peaks = [float(np.abs(parse(part.source).shaking.acceleration[0]).max()) for part in parts]
     np.testing.assert_allclose(peaks[2:], [0.15 * 9.81, 0.6 * 9.81], rtol=1e-5)
     (tmp_path / "scene.toml").write_text(SCENE + MOTION + crossed.replace("other", "missing"))
     with pytest.raises(ValueError, match=r"missing\.csv"):

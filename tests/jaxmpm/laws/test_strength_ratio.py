@@ -107,7 +107,8 @@ def test_terrain_takes_the_water_of_a_raster():
     heights, water = (mpm.Raster(np.full((7, 7), z), (0.0, 0.0), 2.0) for z in (12.0, 9.0))
     level = parse(CONSTANT.replace("WATER", "level = 0.0"))
     field = RandomField(0.25, 0.0, (10.0, 10.0, 3.0), kl.Lognormal, kl.Exponential, 0.5)
-    grids = {name: replace(each, spacing=(*each.spacing, each.spacing[0])) for name, each in level.grids.items()}
+    grids = {"rough": level.rough, "refined": level.refined}
+    grids = {name: replace(grid, spacing=(*grid.spacing, grid.spacing[0])) for name, grid in grids.items()}
     campaign = replace(
         level,
         ground=replace(level.site, shape=mpm.Terrain(heights, 0.0), water=water),

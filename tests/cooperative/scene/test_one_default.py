@@ -1,0 +1,129 @@
+"""What a scene may leave out has the default that it has in Python."""
+
+import dataclasses
+import inspect
+
+import pytest
+
+import jaxmpm as mpm
+from cooperative import Campaign, Grid, Hazard, Plan, RandomField, Run, Site, TwoPhase, estimate
+from cooperative.scene import parse, tables
+from cooperative.scene._words import source_of_value
+from cooperative.scene.tables._ground import Slope
+from cooperative.scene.tables._scene import Scene
+
+OF_SOLVER = [
+    (tables.Soil, mpm.Soil),
+    (tables.Soil, mpm.FrictionalSoil),
+    (tables.Interface, mpm.Interface),
+    (tables.Grid, mpm.Discretisation),
+    (Slope, mpm.Slope),
+    (tables.Ground, mpm.Section),
+    (tables.Terrain, mpm.Terrain),
+    (tables.Layer, mpm.Layer),
+    *((tables.PlanAndEstimator, kind) for kind in estimate.ESTIMATORS.values()),
+]
+"""Tables of a scene, and the classes below campaigns whose fields their keys fill."""
+REQUIRED = object()
+STATED = "a scene states its soil and its slope; in Python those of the published slope stand for them"
+KIND = "the table is of several kinds, and a scene is refused that lacks the key for its kind"
+ON_PURPOSE = {
+    **dict.fromkeys(((kind, key) for kind in ("Soil", "FrictionalSoil") for key in ("unit_weight", "young", "poisson")),
+                    STATED),
+    **dict.fromkeys((("Slope", key) for key in ("crest", "height", "run_per_rise", "toe", "foundation")), STATED),
+    **dict.fromkeys((("FrictionalSoil", key) for key in ("cohesion", "friction")), KIND),
+    ("Published", "k_t"): KIND,
+    ("Discretisation", "fbar"): "None is False, and tells a scene that states False and so wants no average at all",
+    ("Soil", "tension_cutoff"): "of the solver's own clay",
+    ("Discretisation", "cfl"): "a campaign's is that of its run; an elastic block with free sides needs 0.5",
+}  # fmt: skip
+
+
+def default_of(kind, name):
+    """Of a field of a dataclass, or of a key of a table; REQUIRED where there is none."""
+    if hasattr(kind, "__pydantic_fields__"):
+        field = tables.keys(kind)[name]
+        if field.is_required():
+            return REQUIRED
+        whole = {key: each.examples[0] for key, each in tables.keys(kind).items() if each.is_required()}
+        return getattr(tables.read(kind, whole), name)
+    field = next(field for field in dataclasses.fields(kind) if field.name == name)
+    return REQUIRED if field.default is dataclasses.MISSING else field.default
+
+
+def test_the_solver_and_the_estimators_have_the_defaults_of_a_scene():
+    differ = {
+        (kind.__name__, field.name)
+        for table, kind in OF_SOLVER
+        for field in dataclasses.fields(kind)
+        if field.name in tables.keys(table)
+        if default_of(table, field.name) != default_of(kind, field.name)
+    }
+    assert differ == set(ON_PURPOSE)
+
+
+BUILDERS = (mpm.slope, mpm.Slope.build, mpm.section, mpm.terrain, mpm.column, mpm.scene_of)
+
+
+@pytest.mark.parametrize(
+    ("builder", "argument", "table", "key"),
+    [
+        *((builder, "gravity", Run, "gravity") for builder in BUILDERS),
+        (mpm.slope, "y_ends", Slope, "y_ends"),
+        (mpm.Slope.build, "ends", Slope, "y_ends"),
+        (mpm.section, "ends", tables.Ground, "ends"),
+        (mpm.terrain, "ends", tables.Terrain, "ends"),
+    ],
+)
+def test_builders_have_the_defaults_of_a_scene(builder, argument, table, key):
+    assert inspect.signature(builder).parameters[argument].default == tables.keys(table)[key].default
+
+
+def test_parts_of_a_campaign_are_the_tables_of_a_scene():
+    for name, kind in {"run": Run, "rough": Grid, "coarse": Grid, "hazard": Hazard, "strength": RandomField}.items():
+        assert tables.table_in(tables.keys(Scene)[name]) is kind
+    assert issubclass(tables.table_in(tables.keys(Scene)["campaign"]), Plan)
+    assert (
+        tables.PlanAndEstimator(20).chosen == TwoPhase() == inspect.signature(Campaign).parameters["estimator"].default
+    )
+
+
+LEAST = """
+slope = { crest = 12, height = 6, run_per_rise = 1, toe = 14, foundation = 2 }
+soil = { unit_weight = 19e3, young = 2e7, poisson = 0.4 }
+strength = { mean = 30e3, cov = 0.2, length = [20.0, 4.0] }
+rough = { cell = 2.0, spacing = [1.0, 1.0] }
+refined = { cell = 1.0, spacing = [0.5, 0.5] }
+campaign = { samples = 20 }
+"""
+DRAWN = """
+ground = { surface = [[0, 8], [12, 8], [18, 2], [32, 2]], toe = 18.0, interface = { friction = 20.0 } }
+rough = { cell = 2.0, spacing = [1.0, 1.0] }
+refined = { cell = 1.0, spacing = [0.5, 0.5] }
+campaign = { samples = 20 }
+[hazard]
+[soil]
+unit_weight = 19e3
+young = 2e7
+poisson = 0.4
+friction = 30.0
+cohesion = { mean = 5e3, cov = 0.2, length = [20.0, 4.0] }
+"""
+
+
+def in_python(soil, name, ground, **more):
+    random = {name: RandomField(getattr(soil, name), 0.2, (20.0, 4.0))}
+    rough, refined = (Grid(cell, (cell / 2, cell / 2)) for cell in (2.0, 1.0))
+    return Campaign(ground=ground, soil=soil, random=random, rough=rough, refined=refined, plan=Plan(20), **more)
+
+
+def test_a_scene_of_required_keys_alone_is_the_campaign_of_required_arguments_alone():
+    clay = mpm.Soil(19e3, 2e7, 0.4, strength=30e3, tension_cutoff=None)
+    sand = mpm.FrictionalSoil(5e3, 30.0, unit_weight=19e3, young=2e7, poisson=0.4)
+    drawn = mpm.Section(((0.0, 8.0), (12.0, 8.0), (18.0, 2.0), (32.0, 2.0)), toe=18.0, interface=mpm.Interface(20.0))
+    for text, campaign in (
+        (LEAST, in_python(clay, "strength", Site(mpm.Slope(12.0, 6.0, 1.0, 14.0, 2.0), "fixed"))),
+        (DRAWN, in_python(sand, "cohesion", Site(drawn, "roller"), hazard=Hazard())),
+    ):
+        assert source_of_value(parse(text)).beside == source_of_value(campaign).beside
+        assert {grid.cfl for grid in campaign.grids.values()} == {0.9}
