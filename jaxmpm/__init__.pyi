@@ -56,7 +56,7 @@ from .setup import (
 from .soil import AnisotropicSoil, CamClaySoil, FrictionalSoil, GranularSoil, Interface, PlasticStrain, Soil
 from .support.pytrees import pytree
 from .transfer import GIMP, Linear, QuadraticBSpline
-from .types import Engine, Scene, Scheme, State, Status
+from .types import Engine, Numerics, Scene, Scheme, State, Status
 
 __version__: str
 __all__ = [
@@ -78,6 +78,7 @@ __all__ = [
     "Linear",
     "Loads",
     "Material",
+    "Numerics",
     "Particles",
     "PlasticStrain",
     "QuadraticBSpline",

@@ -48,7 +48,7 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     Returns:
         State after the step.
     """
-    after = SCHEMES[scene.scheme](scene, state, dt, Maps(scene, grid_position(scene, state)))
+    after = SCHEMES[scene.numerics.scheme](scene, state, dt, Maps(scene, grid_position(scene, state)))
     if scene.free_field is None:
         return after
     low, high = (step(column, own, dt) for column, own in beyond_ends(scene, state))
@@ -114,9 +114,10 @@ def grid_to_particles(
     values, gradient = maps.to_particles(given, values=given.shape[1], gradients=d if strain else 0)
     pic_velocity, change, averaged = jnp.split(values, [d, 2 * d])
     flip_velocity = state.velocity + dt * change
-    flip = scene.flip if scene.pic_damping is None else jnp.exp(-scene.pic_damping * dt)
+    numerics = scene.numerics
+    flip = numerics.flip if numerics.pic_damping is None else jnp.exp(-numerics.pic_damping * dt)
     filtered = pic_velocity
-    if scene.xpic > 1:
+    if numerics.xpic > 1:
         filtered = flip_velocity - unresolved(scene, state, nodal, pic_velocity - dt * change, maps)
     state = replace(
         state,
@@ -145,7 +146,7 @@ def unresolved(scene: Scene, state: State, nodal: Nodal, resolved: Array, maps: 
         maps: transfers.
     """
     left = state.velocity - resolved
-    for _ in range(scene.xpic - 1):
+    for _ in range(scene.numerics.xpic - 1):
         moving = maps.momentum(maps.to_all_nodes(scene.particles.mass * left, None))
         seen, _ = maps.to_particles(nodal_velocity(nodal._replace(momentum=moving)), values=len(left), gradients=0)
         left = left - seen

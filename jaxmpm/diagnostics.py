@@ -206,10 +206,12 @@ def elastic_energy(scene: Scene, state: State) -> Array:
     """
     _of_one_lane(scene, state)
     ratio = state.volume_ratio
-    stress = tensors.expand(ratio * state.stress if scene.finite_strain else state.stress, scene.grid.dimension)
+    stress = tensors.expand(
+        ratio * state.stress if scene.numerics.finite_strain else state.stress, scene.grid.dimension
+    )
     pressure, j2 = tensors.mean(stress), tensors.second_invariant(tensors.deviator(stress))
     density = pressure**2 / (2 * scene.material.bulk) + j2 / (2 * scene.material.shear)
-    return jnp.sum(scene.particles.volume * (1 if scene.finite_strain else ratio) * density)
+    return jnp.sum(scene.particles.volume * (1 if scene.numerics.finite_strain else ratio) * density)
 
 
 def potential_energy(scene: Scene, state: State) -> Array:
@@ -265,7 +267,7 @@ def unbalanced_force(scene: Scene, state: State) -> Array:
     maps, particles = Maps(scene, grid_position(scene, state)), scene.particles
     volume = particles.volume * state.volume_ratio
     nodal = maps.to_grid(particles.mass[None], acting_stress(scene, state.stress, volume, maps))
-    time = state.step * scene.time_step
+    time = state.step * scene.numerics.time_step
     load = nodal[:, :1] * felt_gravity(scene, time)
     external = external_force(scene, maps.position, time)
     if external is not None:

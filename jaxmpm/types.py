@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from jax import Array
@@ -55,17 +55,12 @@ class Status(enum.IntEnum):
 
 @pytree
 @dataclass(frozen=True)
-class Scene:
-    """All that defines a run except the state it starts from.
+class Numerics:
+    """Numerical choices of a run, as a step takes them; `Discretisation` has those that a user makes.
 
     Args:
-        grid: background grid.
-        particles: initial positions, masses and volumes.
-        material: constitutive law.
-        gravity: (d,) m/s2.
         time_step: s.
         kernel: shape functions; static.
-        walls: planes that constrain nodes; static.
         scheme: when the stress is updated; static.
         engine: of the transfers, None for the fastest available; static.
         fbar: whether volumetric strain and mean stress are averaged over neighbouring particles, against locking;
@@ -78,13 +73,49 @@ class Scene:
         xpic: transfers to the grid and back that the share of PIC filters by, see `Discretisation`; static.
         nonlocal_passes: filters in the average of the plastic strain over neighbours, see `jaxmpm.transfer.filtered`;
             None for no average; static.
-        body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; static.
-        tied: numbers of two planes of nodes along x that are identified: particles and waves that leave at one enter at
-            the other; static.
         flip: share of FLIP in the particle velocity update, the rest is PIC; None for pure FLIP.
         pic_damping: rate (1/s) at which velocities decay that the grid does not resolve, see `Discretisation`; None
             for none.
         damping: mass-proportional damping (1/s); None for none.
+    """
+
+    time_step: Array
+    kernel: Kernel = static()
+    scheme: Scheme = static(default=Scheme.MUSL)
+    engine: Engine | None = static(default=None)
+    fbar: bool = static(default=False)
+    cell_average: bool = static(default=False)
+    gap_average: bool = static(default=False)
+    finite_strain: bool = static(default=False)
+    xpic: int = static(default=1)
+    nonlocal_passes: int | None = static(default=None)
+    flip: Array | None = None
+    pic_damping: Array | None = None
+    damping: Array | None = None
+
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "time_step": above_zero("s"),
+        "flip": Limit(least=0.0, most=1.0),
+        "pic_damping": from_zero("1/s"),
+        "damping": from_zero("1/s"),
+    }
+
+
+@pytree
+@dataclass(frozen=True)
+class Scene:
+    """All that defines a run except the state it starts from.
+
+    Args:
+        grid: background grid.
+        particles: initial positions, masses and volumes.
+        material: constitutive law.
+        numerics: numerical choices.
+        gravity: (d,) m/s2.
+        walls: planes that constrain nodes; static.
+        body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; static.
+        tied: numbers of two planes of nodes along x that are identified: particles and waves that leave at one enter at
+            the other; static.
         wall_friction: () or (nodes,) friction coefficient of walls with friction and of the base.
         wall_cohesion: () or (nodes,) cohesion of those (Pa); None for none.
         wall_pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
@@ -105,23 +136,11 @@ class Scene:
     grid: Grid
     particles: Particles
     material: Any  # a `Material` with the members of its own law, which callers vary
+    numerics: Numerics
     gravity: Array
-    time_step: Array
-    kernel: Kernel = static()
     walls: tuple[Wall, ...] = static(default=())
-    scheme: Scheme = static(default=Scheme.MUSL)
-    engine: Engine | None = static(default=None)
-    fbar: bool = static(default=False)
-    cell_average: bool = static(default=False)
-    gap_average: bool = field(default=False, metadata={"static": True})
-    finite_strain: bool = static(default=False)
-    xpic: int = field(default=1, metadata={"static": True})
-    nonlocal_passes: int | None = static(default=None)
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
     tied: tuple[int, int] | None = static(default=None)
-    flip: Array | None = None
-    pic_damping: Array | None = None
-    damping: Array | None = None
     wall_friction: Array | None = None
     wall_cohesion: Array | None = None
     wall_pressure: Array | None = None
@@ -135,10 +154,6 @@ class Scene:
     k0: Array | None = None
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
-        "time_step": above_zero("s"),
-        "flip": Limit(least=0.0, most=1.0),
-        "pic_damping": from_zero("1/s"),
-        "damping": from_zero("1/s"),
         "wall_friction": from_zero(),
         "wall_cohesion": from_zero("Pa"),
         "wall_pressure": from_zero("Pa"),

@@ -49,9 +49,8 @@ shape = mpm.Slope()
 soil = mpm.Soil(strength=42e3, softening_modulus=85e3)
 scene, state = mpm.slope(shape, soil, mpm.Discretisation(cell=cell, spacing=(cell / 2, cell / 2)))
 half_size = (cell / 4, cell / 4)
-print(
-    f"{scene.particles.mass.size} particles, {scene.grid.nodes} nodes, time step {float(scene.time_step) * 1e3:.2f} ms"
-)
+dt = float(scene.numerics.time_step)
+print(f"{scene.particles.mass.size} particles, {scene.grid.nodes} nodes, time step {dt * 1e3:.2f} ms")
 print("the state holds", {name: np.shape(value) for name, value in vars(state).items() if value is not None})
 
 # %% [markdown]
@@ -90,7 +89,7 @@ print(f"vertical stress behind the crest: within {stress_error:.1%} of the weigh
 # %%
 standing = mpm.solve(scene, state, t_end=20.0, settle=mpm.Settle()).raise_if_failed()
 standing_displacement = float(mpm.diagnostics.largest_displacement(standing.state))
-seconds = int(standing.state.step) * float(scene.time_step)
+seconds = int(standing.state.step) * float(scene.numerics.time_step)
 print(
     f"{mpm.Status(int(standing.status)).name} after {seconds:.1f} s, having moved {standing_displacement * 1e3:.1f} mm"
 )

@@ -219,7 +219,7 @@ results = {
     "same_in_any_batch": same,
     "failed": int(failed.sum()),
     "broke_off": int(broke_off.sum()),
-    "settled_share_of_steps": float(steps[~failed].mean() * float(scene.time_step) / 20.0),
+    "settled_share_of_steps": float(steps[~failed].mean() * float(scene.numerics.time_step) / 20.0),
     "rank_correlation_overall": rank_correlation["the whole slope"],
     "rank_correlation_band": rank_correlation["the common slip band"],
     "rank_correlation_own": rank_correlation["its own slip band"],

@@ -56,7 +56,7 @@ material = replace(model.scene.material, strength=campaign.random["strength"].me
 scene, state = replace(model.scene, material=material), model.state
 scene = mpm.reduced(scene, 1.3)  # weak enough to slide
 seconds = 1.0 if SMALL else 2.0
-steps = round(seconds / float(scene.time_step))
+steps = round(seconds / float(scene.numerics.time_step))
 
 
 def log_displacement(factor: jax.Array) -> jax.Array:

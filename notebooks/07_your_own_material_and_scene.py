@@ -297,7 +297,7 @@ def slumped(
 ) -> tuple[mpm.Scene, mpm.Result]:
     """The mud let go, at rest again."""
     scene, state = scene_of(mud, domain, inside, cell=cell, gravity=g, base="fixed")
-    scene = replace(scene, fbar=True, flip=number(0.99))
+    scene = replace(scene, numerics=replace(scene.numerics, fbar=True, flip=number(0.99)))
     settle = mpm.Settle(speed=0.02, drift=0.05, hold=2.0)
     return scene, mpm.solve(scene, state, t_end=20.0, settle=settle).raise_if_failed()
 

@@ -22,7 +22,7 @@ def check_run(run: Callable[..., jax.Array], scene: mpm.Scene, at: Sequence, ste
     assert np.all(ahead != behind)
     np.testing.assert_allclose(slopes, (ahead - behind) / (2 * np.asarray(steps)), rtol=tolerance)
     np.testing.assert_allclose(here, value, rtol=1e-12)
-    other = jax.jit(run)(replace(scene, engine=mpm.Engine.XLA), *at)
+    other = jax.jit(run)(replace(scene, numerics=replace(scene.numerics, engine=mpm.Engine.XLA)), *at)
     np.testing.assert_allclose(other, value, rtol=1e-11)
 
 

@@ -175,7 +175,7 @@ def shear_layer_row(share: float, quick: bool, ends: Literal["tied", "free field
     top = np.asarray(scene.particles.position[1]) > LAYER - cell / 2
     # The uppermost particles stand a quarter of a cell below the surface, where the mode is a little smaller.
     depth = LAYER - float(np.asarray(scene.particles.position[1])[top].mean())
-    at = np.array([int(one.step) for one in result.snapshots]) * float(scene.time_step)
+    at = np.array([int(one.step) for one in result.snapshots]) * float(scene.numerics.time_step)
     distance = np.array([np.asarray(one.displacement[0])[top].mean() for one in result.snapshots], float)
     waves = [f(2 * math.pi * rate * at) for rate in {frequency, own} for f in (np.sin, np.cos)]
     sine, cosine, *_ = np.linalg.lstsq(np.stack(waves, axis=1), distance, rcond=None)[0]

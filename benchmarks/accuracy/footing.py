@@ -56,11 +56,11 @@ def capacity(cell: float, *, settlement: float = 0.1, dtype: str = "float64", **
             return float(weighted.sum())
 
         t_end = settlement / SINKING
-        mpm.solve(scene, state, t_end=float(scene.time_step))
+        mpm.solve(scene, state, t_end=float(scene.numerics.time_step))
         start = time.perf_counter()
         result = mpm.solve(scene, state, t_end=t_end, snapshots=[0.9 * t_end]).raise_if_failed()
         seconds = time.perf_counter() - start
         early = result.snapshots[0]
-        elapsed = (int(result.state.step) - int(early.step)) * float(scene.time_step)
+        elapsed = (int(result.state.step) - int(early.step)) * float(scene.numerics.time_step)
         load = (momentum(result.state) - momentum(early)) / elapsed
         return {"load": load / (STRENGTH * HALF_WIDTH), "seconds": seconds}

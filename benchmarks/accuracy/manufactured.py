@@ -59,7 +59,11 @@ def posed(
 
     _, velocity = jax.jvp(lambda t: exact(scene.particles.position, t), (jnp.zeros(()),), (jnp.ones(()),))
     dt = cfl / (finest or cells) / float(jnp.sqrt(scene.material.p_wave_modulus / DENSITY))
-    scene = replace(scene, body_force=body_force, time_step=jnp.asarray(dt, scene.time_step.dtype))
+    scene = replace(
+        scene,
+        body_force=body_force,
+        numerics=replace(scene.numerics, time_step=jnp.asarray(dt, scene.numerics.time_step.dtype)),
+    )
     return scene, replace(state, velocity=velocity.astype(state.velocity.dtype)), exact
 
 
@@ -72,9 +76,9 @@ def manufactured_run(cells: int, dimension: int, *, t_end: float = 0.02, **choic
     """That error, and the seconds that the run took once compiled."""
     amplitude = choices.setdefault("amplitude", 0.02)
     scene, state, exact = posed(cells, dimension, **choices)
-    mpm.solve(scene, state, t_end=float(scene.time_step))
+    mpm.solve(scene, state, t_end=float(scene.numerics.time_step))
     start = time.perf_counter()
     final = mpm.solve(scene, state, t_end=t_end).raise_if_failed().state
     seconds = time.perf_counter() - start
-    reached = int(final.step) * float(scene.time_step)
+    reached = int(final.step) * float(scene.numerics.time_step)
     return float(jnp.max(jnp.abs(final.displacement - exact(scene.particles.position, reached)))) / amplitude, seconds

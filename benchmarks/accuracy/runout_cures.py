@@ -119,7 +119,7 @@ def _seconds(slide: Slide) -> float:
     """Of a short run that goes on from the end of a slide."""
     state = replace(slide.state, step=jnp.zeros_like(slide.state.step), status=jnp.zeros_like(slide.state.status))
     start = time.perf_counter()
-    solve(slide.scene, state, t_end=STEPS * float(slide.scene.time_step)).state.velocity.block_until_ready()
+    solve(slide.scene, state, t_end=STEPS * float(slide.scene.numerics.time_step)).state.velocity.block_until_ready()
     return time.perf_counter() - start
 
 
@@ -155,7 +155,7 @@ def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, Any]:
         "last_halving": round(max(abs(rows[-2][name] / rows[-1][name] - 1) for name in RUN_OUTS), 3),
         "noise_m_s": round(noise(slides[-1]), 4),
         "price": round(price(slides[middle], own(case, cells[middle])), 2),
-        "end_s": round(float(slides[-1].state.step * slides[-1].scene.time_step), 1),
+        "end_s": round(float(slides[-1].state.step * slides[-1].scene.numerics.time_step), 1),
     }
 
 

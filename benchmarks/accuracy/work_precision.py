@@ -107,7 +107,7 @@ def bar(cells: int, *, particles: int = 2, dtype: str = "float32", **choices: An
     omega = np.pi / 50 * np.sqrt(1e6 / 1e3)
     times = np.linspace(0, 2 * np.pi / omega, 17)[1:]
     result = mpm.solve(scene, state, t_end=float(times[-1]), snapshots=times.tolist())
-    reached = np.array([int(s.step) for s in result.snapshots]) * float(scene.time_step)
+    reached = np.array([int(s.step) for s in result.snapshots]) * float(scene.numerics.time_step)
     distance = np.array([float(diagnostics.momentum(scene, s)[0]) for s in result.snapshots])
     error = np.max(np.abs(distance / float(diagnostics.momentum(scene, state)[0]) - np.cos(omega * reached)))
     steps, run = jnp.asarray(int(result.state.step)), jax.jit(mpm.advance)

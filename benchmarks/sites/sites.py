@@ -104,7 +104,7 @@ def run_out(name: str) -> dict[str, Any]:
     shape = DOMAINS[name]
     scene, state = mpm.section(shape, CLAY, mpm.Discretisation(1.0, (0.5, 0.5), cell_average=True))
     scene = mpm.reduced(scene, 4 / 3)
-    mpm.solve(scene, state, t_end=float(scene.time_step))  # compiles
+    mpm.solve(scene, state, t_end=float(scene.numerics.time_step))  # compiles
     start = time.perf_counter()
     distance = np.asarray(mpm.solve(scene, state, t_end=20.0).raise_if_failed().state.displacement)
     seconds = time.perf_counter() - start

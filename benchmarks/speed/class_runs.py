@@ -106,7 +106,7 @@ def main(case: str, seconds: str) -> None:
     model = runs.build(campaign, CASES[case].grid, runs.random_soil(campaign), at_rest=False)
     answer: dict[str, Any] = {
         "step": runs.seconds_per_step(model, float(seconds)),
-        "time_step": float(model.scene.time_step),
+        "time_step": float(model.scene.numerics.time_step),
     }
     print(json.dumps(answer))
 

@@ -24,7 +24,8 @@ def measure(scene: str, engine: str | None, steps: int, memory: float, repeats: 
     """Seconds per particle and step of a forward run, of value and gradient by strength; bytes planned and held."""
     campaign = scene_campaign(scene)
     built, state = campaign.site.built(campaign.soil, campaign.grids["rough"], campaign.run.gravity, at_rest=True)
-    built = replace(mpm.reduced(built, REDUCTION), engine=None if engine is None else mpm.Engine[engine])
+    numerics = replace(built.numerics, engine=None if engine is None else mpm.Engine[engine])
+    built = mpm.reduced(replace(built, numerics=numerics), REDUCTION)
     strength = jnp.broadcast_to(built.material.strength, built.particles.mass.shape)
     particles = strength.size
 

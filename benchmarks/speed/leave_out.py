@@ -32,9 +32,12 @@ def numbers(values: dict[str, Any], state: State) -> dict[str, Any]:
     return {name: jnp.asarray(v, state.stress.dtype) if type(v) is float else v for name, v in values.items()}
 
 
-def with_scene(**values: Any) -> Variant:
-    """The scene with other values."""
-    return lambda scene, state: (replace(scene, **numbers(values, state)), state)
+def with_numerics(**values: Any) -> Variant:
+    """The scene with other numerical choices."""
+    return lambda scene, state: (
+        replace(scene, numerics=replace(scene.numerics, **numbers(values, state))),
+        state,
+    )
 
 
 def with_law(gap: bool = True, **values: Any) -> Variant:
@@ -81,7 +84,8 @@ def with_uneven_softening(scene: Scene, state: State) -> tuple[Scene, State]:
 
 def with_averaged_plastic_strain(scene: Scene, state: State) -> tuple[Scene, State]:
     """Plastic strain averaged over neighbours, through one filter."""
-    return replace(scene, nonlocal_passes=1), replace(state, unaveraged=jnp.zeros_like(state.history))
+    scene = replace(scene, numerics=replace(scene.numerics, nonlocal_passes=1))
+    return scene, replace(state, unaveraged=jnp.zeros_like(state.history))
 
 
 def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -172,7 +176,7 @@ def in_zones(below: Variant, above: Variant) -> Variant:
 
 def stretched(variant: Variant) -> Variant:
     """A variant with finite strains."""
-    return lambda scene, state: with_scene(finite_strain=True)(*variant(scene, state))
+    return lambda scene, state: with_numerics(finite_strain=True)(*variant(scene, state))
 
 
 def unchanged(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -199,12 +203,12 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     ),
     "softening per particle": (with_uneven_softening, unchanged),
     "stiffness per particle": (with_uneven_stiffness, unchanged),
-    "second mapping (MUSL)": (unchanged, with_scene(scheme=mpm.Scheme.USL)),
-    "damping": (with_scene(damping=0.1), unchanged),
-    "PIC blend": (with_scene(flip=0.95), unchanged),
-    "F-bar": (with_scene(fbar=True), unchanged),
-    "volumetric strain averaged over cells": (with_scene(cell_average=True), unchanged),
-    "finite strains (Hencky)": (with_scene(finite_strain=True), unchanged),
+    "second mapping (MUSL)": (unchanged, with_numerics(scheme=mpm.Scheme.USL)),
+    "damping": (with_numerics(damping=0.1), unchanged),
+    "PIC blend": (with_numerics(flip=0.95), unchanged),
+    "F-bar": (with_numerics(fbar=True), unchanged),
+    "volumetric strain averaged over cells": (with_numerics(cell_average=True), unchanged),
+    "finite strains (Hencky)": (with_numerics(finite_strain=True), unchanged),
     "finite strains, elastic": (stretched(without_yielding), without_yielding),
     "finite strains, friction (Mohr-Coulomb)": (stretched(on_a_pyramid), on_a_pyramid),
     "averaged plastic strain": (with_averaged_plastic_strain, unchanged),
@@ -228,9 +232,10 @@ def cost(scene: Scene, state: State) -> tuple[float, float]:
 
     def once(scene: Scene, state: State) -> tuple[State, Any]:
         columns = state.columns
-        return mpm.step(scene, state, scene.time_step), columns and mpm.passing(scene, state, columns.moved)
+        return mpm.step(scene, state, scene.numerics.time_step), columns and mpm.passing(scene, state, columns.moved)
 
-    compiled = jax.jit(once).lower(replace(scene, engine=mpm.Engine.XLA), state).compile()
+    on_xla = replace(scene, numerics=replace(scene.numerics, engine=mpm.Engine.XLA))
+    compiled = jax.jit(once).lower(on_xla, state).compile()
     analysis: Any = compiled.cost_analysis()
     counted = analysis[0] if isinstance(analysis, list) else analysis
     return float(counted["flops"]), float(counted["bytes accessed"])
@@ -284,7 +289,8 @@ def rows_of(name: str, repeats: int) -> list[dict[str, Any]]:
     scene, state = built(campaign, "rough")
     uneven = scene.material.strength * (1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size)))
     scene = replace(scene, material=replace(scene.material, strength=uneven))
-    scene = replace(scene, time_step=scene.time_step * CFL / campaign.grids["rough"].cfl)
+    dt = scene.numerics.time_step * CFL / campaign.grids["rough"].cfl
+    scene = replace(scene, numerics=replace(scene.numerics, time_step=dt))
     pairs = {feature: tuple(make(scene, state) for make in both) for feature, both in FEATURES.items()}
     if scene.grid.dimension == 2:
         pairs["tied ends"] = ends_of_a_section("tied")

@@ -64,7 +64,7 @@ def screened(campaign: Any, count: int) -> dict[str, Any]:
 
 def seconds_of_handling(model: runs.GridModel, coefficients: np.ndarray) -> float:
     """Seconds that a sample takes beside its steps: its field, and its consequences (median of some)."""
-    still = Result(jax.device_get(model.state), model.scene.time_step)
+    still = Result(jax.device_get(model.state), model.scene.numerics.time_step)
     spent = []
     for number in range(6):
         clock = time.perf_counter()
@@ -87,11 +87,11 @@ def seconds_of_transfers(model: runs.GridModel) -> float:
             start, nodal_sum = carry
             # A dependence on the turn before, or the compiler would do the work once only.
             position = start + 1e-30 * nodal_sum
-            nodal = p2g(scene.grid, scene.kernel, position, jnp.concatenate([mass, vectors]), stress)
+            nodal = p2g(scene.grid, scene.numerics.kernel, position, jnp.concatenate([mass, vectors]), stress)
             fields = jnp.concatenate([nodal[:, 1:], nodal[:, 1:]], axis=1)[:, : 2 * d]
-            values, _ = g2p(scene.grid, scene.kernel, position, fields, values=2 * d, gradients=0)
-            again = p2g(scene.grid, scene.kernel, position, values[:d], None)
-            _, gradient = g2p(scene.grid, scene.kernel, position, again, values=0, gradients=d)
+            values, _ = g2p(scene.grid, scene.numerics.kernel, position, fields, values=2 * d, gradients=0)
+            again = p2g(scene.grid, scene.numerics.kernel, position, values[:d], None)
+            _, gradient = g2p(scene.grid, scene.numerics.kernel, position, again, values=0, gradients=d)
             return start, gradient[0, 0, 0]
 
         return jax.lax.fori_loop(0, count, body, (position, jnp.zeros((), position.dtype)))

@@ -44,7 +44,8 @@ class Case:
         cfl = min(numerics.cfl, 0.7) if scheme is Scheme.USL else numerics.cfl
         numerics = replace(numerics, scheme=scheme, cfl=cfl, dtype=self.dtype)
         scene, state = campaign.site.built(campaign.soil, numerics, campaign.run.gravity, at_rest=True)
-        return replace(reduced(scene, REDUCTION), engine=None if self.engine is None else Engine[self.engine]), state
+        engine = None if self.engine is None else Engine[self.engine]
+        return reduced(replace(scene, numerics=replace(scene.numerics, engine=engine)), REDUCTION), state
 
 
 def measure(case: Case) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def rest_rows(quick: bool) -> Iterator[Row]:
             steps = 10_000 if quick else 1_000_000
             final = jax.jit(mpm.advance)(scene, state, jnp.asarray(steps))
             drift = float(diagnostics.largest_displacement(final))
-            name = f"drift in {steps:,} steps at rest, {scene.time_step.dtype}"
+            name = f"drift in {steps:,} steps at rest, {scene.numerics.time_step.dtype}"
             yield judged(name, drift, 1e-3, "m", status=status_of(final))
 
 
@@ -77,7 +77,11 @@ def settlement_row(case: str, soil: mpm.Soil, soft: float, *, gravity: float = 0
     half = density * gravity * height**2 / 8 / modulus
     expected = half + 3 * half / soft
     # Critically damped in its first mode, whose frequency is near sqrt(g / settlement).
-    scene = replace(scene, material=material, damping=jnp.sqrt(4 * gravity / expected).astype(state.velocity.dtype))
+    scene = replace(
+        scene,
+        material=material,
+        numerics=replace(scene.numerics, damping=jnp.sqrt(4 * gravity / expected).astype(state.velocity.dtype)),
+    )
     seconds = 12 * float(np.sqrt(expected / gravity))
     final = mpm.solve(scene, state, t_end=seconds).state
     top = scene.particles.position[1] > height - 0.5
@@ -90,7 +94,7 @@ def settlement_row(case: str, soil: mpm.Soil, soft: float, *, gravity: float = 0
         "relative",
         status=status_of(final),
         settlement_m=float(f"{distance:.4g}"),
-        time_step_s=float(f"{float(scene.time_step):.3g}"),
+        time_step_s=float(f"{float(scene.numerics.time_step):.3g}"),
         steps=int(final.step),
     )
 
@@ -192,7 +196,7 @@ def shaking_rows(quick: bool) -> Iterator[Row]:
     k = (2 * np.arange(200)[:, None] + 1) * np.pi / (2 * height)
     errors, size = [], 0.0
     for snapshot in result.snapshots:
-        t, omega = int(snapshot.step) * float(scene.time_step), k * wave
+        t, omega = int(snapshot.step) * float(scene.numerics.time_step), k * wave
         modal = amplitude / (omega**2 - pulse**2) * (np.sin(pulse * t) - pulse / omega * np.sin(omega * t))
         exact = np.sum(2 / (height * k) * np.sin(k * z) * modal, axis=0)
         errors.append(np.abs(np.asarray(snapshot.displacement[0]) - exact).max())
@@ -228,7 +232,7 @@ def awkward_rows(quick: bool) -> Iterator[Row]:
             middle = corner + size / 2
             state = replace(state, velocity=0.1 * (scene.particles.position - middle))
             start = float(diagnostics.kinetic_energy(scene, state))
-            seconds = 400 * float(scene.time_step)
+            seconds = 400 * float(scene.numerics.time_step)
             row = energy_row(f"{case}, vibrating", scene, state, seconds, CLOSED, over=start)
             if not row["passed"] and kernel is mpm.Linear:
                 row["why"] = "known limit: particles that cross faces under hats feel their slope jump"
@@ -242,7 +246,7 @@ def agreement_rows(quick: bool) -> Iterator[Row]:
     def slide(engine: mpm.Engine | None, precise: bool) -> np.ndarray:
         with jax.enable_x64(precise):
             scene, state = mpm.slope(SLOPE, CLAY, NUMERICS)
-            scene = replace(mpm.reduced(scene, 2.0), engine=engine)
+            scene = mpm.reduced(replace(scene, numerics=replace(scene.numerics, engine=engine)), 2.0)
             return np.asarray(mpm.solve(scene, state, t_end=seconds).state.displacement, float)
 
     def apart(a: np.ndarray, b: np.ndarray) -> float:
@@ -257,7 +261,7 @@ def agreement_rows(quick: bool) -> Iterator[Row]:
     scene, state = mpm.slope(SLOPE, CLAY, NUMERICS, speed=20.0)
     final = mpm.solve(mpm.reduced(scene, 5.0), state, t_end=seconds).state
     m = scene.particles.mass
-    nodal = p2g(scene.grid, scene.kernel, diagnostics.position(scene, final), m[None], None)
+    nodal = p2g(scene.grid, scene.numerics.kernel, diagnostics.position(scene, final), m[None], None)
     error = abs(float(jnp.sum(nodal) / jnp.sum(m)) - 1)
     yield judged("mass on the grid against mass of the particles, collapsed at R = 5", error, 1e-5, "relative")
 
@@ -281,7 +285,7 @@ def refusal_rows() -> Iterator[Row]:
     scene, state = mpm.slope(SLOPE, CLAY, NUMERICS)
     varied, axes = mpm.run.lanes(scene, strength=jnp.broadcast_to(scene.material.strength, (5,)))
     states = mpm.run.repeat(state, 5)
-    velocity = states.velocity.at[1, 0, 7].set(jnp.nan).at[2, 0, 7].set(1.2 / float(scene.time_step))
+    velocity = states.velocity.at[1, 0, 7].set(jnp.nan).at[2, 0, 7].set(1.2 / float(scene.numerics.time_step))
     outside = states.displacement.at[3, 1, 7].set(1e3)
     bad = replace(states, velocity=velocity, displacement=outside)
     whole, broken = (mpm.solve(varied, s, t_end=0.2, axes=axes) for s in (states, bad))

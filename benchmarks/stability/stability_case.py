@@ -126,22 +126,22 @@ class Energies:
 @jax.jit
 def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.State, Energies]:
     """The state after `steps`, and where the energy went on the way."""
-    scene = replace(scene, material=Metered(scene.material, scene.finite_strain))
+    scene = replace(scene, material=Metered(scene.material, scene.numerics.finite_strain))
     fresh = mpm.unstressed(scene)
     state = replace(state, history=(state.history, *fresh.history[1:]), unaveraged=fresh.unaveraged)
-    m, dt = scene.particles.mass, scene.time_step
+    m, dt = scene.particles.mass, scene.numerics.time_step
 
     def one(_: Any, carry: tuple[mpm.State, Array, Array, Array]) -> tuple[mpm.State, Array, Array, Array]:
         old, damped, pushed, ground = carry
-        if not scene.finite_strain:
+        if not scene.numerics.finite_strain:
             # What closes a gap is no strain of the law, which so does not know its volume.
             old = replace(old, history=(*old.history[:2], old.volume_ratio))
         new = mpm.advance(scene, old, 1)
         if equations.sheared(scene) is not False:
             ground = ground + work_across_gaps(scene, old)
-        if scene.damping is not None:
+        if scene.numerics.damping is not None:
             halves = diagnostics.kinetic_energy(scene, old) + diagnostics.kinetic_energy(scene, new)
-            damped = damped + dt * scene.damping * halves
+            damped = damped + dt * scene.numerics.damping * halves
         if scene.body_force is not None:
             push = scene.body_force(scene.particles.position, old.step * dt)
             pushed = pushed + jnp.sum(m * push * (new.displacement - old.displacement))
@@ -164,7 +164,7 @@ def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.Sta
 
 def work_across_gaps(scene: mpm.Scene, state: mpm.State) -> Array:
     """Energy (J) that the traction of rigid ground across gaps takes from soil in the next step."""
-    dt, maps = scene.time_step, equations.Maps(scene, equations.grid_position(scene, state))
+    dt, maps = scene.numerics.time_step, equations.Maps(scene, equations.grid_position(scene, state))
     nodal = equations.particles_to_grid(scene, state, dt, maps)
     volume = scene.particles.volume * state.volume_ratio
     stress = maps.to_grid(None, equations.acting_stress(scene, state.stress, volume, maps))
@@ -180,9 +180,9 @@ def centred_kinetic(scene: mpm.Scene, state: mpm.State) -> Array:
     The step is a leapfrog: its velocities belong to the middle between two stresses (USF: to the time of the stress to
     first order). The product of the velocities before and after is what is conserved with the elastic energy.
     """
-    if scene.scheme is mpm.Scheme.USF:
+    if scene.numerics.scheme is mpm.Scheme.USF:
         return diagnostics.kinetic_energy(scene, state)
-    after = mpm.step(scene, state, scene.time_step)
+    after = mpm.step(scene, state, scene.numerics.time_step)
     return 0.5 * jnp.sum(scene.particles.mass * jnp.sum(state.velocity * after.velocity, axis=0))
 
 
@@ -190,7 +190,7 @@ def energy_row(
     case: str, scene: mpm.Scene, state: mpm.State, seconds: float, bound: float, *, over: float | None = None
 ) -> Row:
     """Energy unaccounted for over the work done, or over the energy `over` (J); a lane that broke off fails."""
-    final, energies = metered_run(scene, state, round(seconds / float(scene.time_step)))
+    final, energies = metered_run(scene, state, round(seconds / float(scene.numerics.time_step)))
     share = float(energies.unaccounted) / (over or float(energies.gravity + energies.body_force))
     broken = int(final.status) > mpm.Status.DECIDED
     return judged(

@@ -45,7 +45,7 @@ def growth(scene: mpm.Scene, cfl: float) -> float:
     """Spectral radius of one step at rest, from shape functions alone."""
     grid, dt = scene.grid, cfl / np.sqrt(YOUNG / DENSITY)
     cells = np.asarray(locate(grid, scene.particles.position))[0]
-    pairs = [scene.kernel.shape(0, grid.cell, jnp.asarray(cells - i)) for i in range(grid.nodes)]
+    pairs = [scene.numerics.kernel.shape(0, grid.cell, jnp.asarray(cells - i)) for i in range(grid.nodes)]
     s, b = (np.stack([np.asarray(pair[k], float) for pair in pairs]) for k in (0, 1))
     m, volume = float(scene.particles.mass[0]), float(scene.particles.volume[0])
     nodal = m * s.sum(1)
@@ -58,12 +58,12 @@ def growth(scene: mpm.Scene, cfl: float) -> float:
     one, nothing = np.eye(n), np.zeros((n, n))
     kick = np.block([[one, dt * z * s.T @ to_acceleration], [nothing, one]])
     stretch = np.block([[one, nothing], [dt * YOUNG / z * b.T @ to_velocity, one]])
-    if scene.scheme is mpm.Scheme.USL:
+    if scene.numerics.scheme is mpm.Scheme.USL:
         step = kick.copy()
         step[n:, :n] = dt * YOUNG / z * b.T @ to_velocity
         step[n:, n:] += dt**2 * YOUNG * b.T @ to_acceleration
     else:
-        step = kick @ stretch if scene.scheme is mpm.Scheme.USF else stretch @ kick
+        step = kick @ stretch if scene.numerics.scheme is mpm.Scheme.USF else stretch @ kick
     return float(np.abs(np.linalg.eigvals(step)).max())
 
 
@@ -73,7 +73,7 @@ def measured(scene: mpm.Scene, state: mpm.State) -> float:
     state = replace(state, velocity=jnp.asarray(noise))
 
     def gain(cfl: Any) -> Any:
-        varied = replace(scene, time_step=cfl / np.sqrt(YOUNG / DENSITY))
+        varied = replace(scene, numerics=replace(scene.numerics, time_step=cfl / np.sqrt(YOUNG / DENSITY)))
         final = mpm.advance(varied, state, STEPS)
         energy = diagnostics.kinetic_energy(varied, final) + diagnostics.elastic_energy(varied, final)
         return jnp.where(final.status == mpm.Status.RUNNING, energy, jnp.inf)

@@ -31,7 +31,7 @@ def flight_rows(quick: bool) -> Iterator[Row]:
         )
 
     scene, state = drop(stiff)
-    dt = float(scene.time_step)
+    dt = float(scene.numerics.time_step)
     # The lowest particles feel the floor from two cells above.
     falling = mpm.advance(scene, state, jnp.asarray(int(np.sqrt(2 * (fall - 2) / 9.81) / dt)))
     error = float(jnp.max(jnp.abs(falling.velocity[1] / (-9.81 * int(falling.step) * dt) - 1)))
@@ -66,13 +66,13 @@ def separation_rows(seconds: float) -> Iterator[Row]:
     scene, state = mpm.block((4, 2), soil, NUMERICS, domain=(16, 4), corner=(6, 1), walls="roller", speed=2.0)
     away = jnp.where(scene.particles.position[0] < 8.0, -2.0, 2.0)
     state = replace(state, velocity=state.velocity.at[0].set(away))
-    dtype = scene.time_step.dtype
+    dtype = scene.numerics.time_step.dtype
     energy = float(diagnostics.kinetic_energy(scene, state))
     case = f"torn apart, back from the walls, in contact again, {dtype}"
     row = energy_row(case, scene, state, seconds, CLOSED, over=energy)
     total = float(jnp.sum(scene.particles.mass)) * 2.0
-    final, _ = metered_run(scene, state, round(seconds / float(scene.time_step)))
-    halfway, _ = metered_run(scene, state, round(1.5 / float(scene.time_step)))
+    final, _ = metered_run(scene, state, round(seconds / float(scene.numerics.time_step)))
+    halfway, _ = metered_run(scene, state, round(1.5 / float(scene.numerics.time_step)))
     x = diagnostics.position(scene, halfway)[0]
     gap = float(jnp.min(jnp.where(away > 0, x, jnp.inf)) - jnp.max(jnp.where(away < 0, x, -jnp.inf)))
     yield row | {"gap_m": round(gap, 2)}

@@ -84,7 +84,7 @@ def slab(
 def drag_row(ground: str, gap: float, **choices: Any) -> Row:
     """Drag of a slab over cohesion times area."""
     scene, state = slab(ground, gap, **choices)
-    mass, dt = jnp.where(state.velocity[0] > 0, scene.particles.mass, 0), float(scene.time_step)
+    mass, dt = jnp.where(state.velocity[0] > 0, scene.particles.mass, 0), float(scene.numerics.time_step)
 
     def momentum(at: mpm.State) -> float:
         return float(jnp.sum(mass * at.velocity[0]))

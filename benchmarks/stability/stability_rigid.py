@@ -41,7 +41,7 @@ def sliding_row(degrees: float, friction: float, scheme: mpm.Scheme = mpm.Scheme
     tilt = math.radians(degrees)
     scene, state = block(0.5, 1e9, tilt=tilt, friction=friction, length=16.0, scheme=scheme)
     final = mpm.solve(scene, state, t_end=2.0).state
-    fall = GRAVITY * (int(final.step) * float(scene.time_step)) ** 2 / 2
+    fall = GRAVITY * (int(final.step) * float(scene.numerics.time_step)) ** 2 / 2
     expected = fall * max(math.sin(tilt) - friction * math.cos(tilt), 0.0)
     distance = float(jnp.mean(final.displacement[0]))
     case = f"block on a plane of {degrees:g} degrees with friction {friction:g}"

@@ -38,7 +38,7 @@ def gradients(count: int) -> tuple[np.ndarray, np.ndarray, float, float]:
     campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES))
     soil = runs.random_soil(campaign)
     model = runs.build(campaign, "rough", soil)
-    steps = round(SECONDS / float(model.scene.time_step))
+    steps = round(SECONDS / float(model.scene.numerics.time_step))
 
     def response(coefficients: jax.Array) -> jax.Array:
         scene, state = with_soil(model.scene, model.state, **model.varied(coefficients))

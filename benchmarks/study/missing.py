@@ -126,7 +126,7 @@ def outcome_of(run: Run, folder: Path, stop: Callable[[], bool] = lambda: False)
     else:
         with open_store(folder, campaign.source):
             (sample,) = run_samples(model, own, numbers, restart_in=folder, stop=stop)
-    return as_outcome(sample, float(model.scene.time_step), run.until)
+    return as_outcome(sample, float(model.scene.numerics.time_step), run.until)
 
 
 def as_outcome(sample: Sample, dt: float, until: Until) -> Outcome:

@@ -166,7 +166,7 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
     upright = len(corner) - 1
     columns, hazard, grid = refined.state.columns, None, refined.scene.grid
     if columns is not None and campaign.hazard is not None:
-        every = float(refined.scene.time_step) * columns.every
+        every = float(refined.scene.numerics.time_step) * columns.every
         hazard = HazardPlan(float(columns.least), every, campaign.hazard.thickness, campaign.hazard.speed)
     return StoredGround(
         corner,
@@ -199,8 +199,8 @@ def _stored_grid(model: GridModel) -> StoredGrid:
 def _numerics(model: GridModel) -> str:
     """How a grid's answers depend on its cell, in words."""
     numerics, soil = model.campaign.grids[model.grid], model.campaign.soil
-    average = "volumetric strain averaged over cells" if model.scene.cell_average else "no cure of locking"
-    words = f"cells of {numerics.cell:g} m, {'F-bar' if model.scene.fbar else average}"
+    average = "volumetric strain averaged over cells" if model.scene.numerics.cell_average else "no cure of locking"
+    words = f"cells of {numerics.cell:g} m, {'F-bar' if model.scene.numerics.fbar else average}"
     if not getattr(soil, "softens", False):
         return words
     if numerics.internal_length is not None:

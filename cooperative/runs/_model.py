@@ -197,9 +197,9 @@ class GridModel:
     def time_step(self, coefficients: jax.Array | np.ndarray) -> float:
         """Of a sample (s)."""
         if not self.own_start:
-            return float(self.scene.time_step)
+            return float(self.scene.numerics.time_step)
         scene, _ = jaxmpm.with_soil(self.scene, jaxmpm.unstressed(self.scene), **self.varied(coefficients))
-        return float(scene.time_step)
+        return float(scene.numerics.time_step)
 
     def strength(self, coefficients: jax.Array | np.ndarray | None = None) -> jax.Array:
         """Undrained strength at the particles (N,) Pa, for coefficients (modes,).

@@ -96,13 +96,13 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
 
     soils = [layer.soil for layer in site.soils(campaign.soil)]
     scenes = [alone(soil) for soil in soils]
-    one = min(scenes, key=lambda scene: float(scene.time_step))
+    one = min(scenes, key=lambda scene: float(scene.numerics.time_step))
     for soil, random in zip(soils, [layer.random for layer in site.layers] or [campaign.random], strict=True):
         if _varies_in_steepness(soil.material(np.dtype("float32"), numerics.cell), random):
             _refused_at_the_ends(alone, _steepest(soil, random, site.span))
-    dt, each = float(one.time_step), math.prod(numerics.spacing)
+    dt, each = float(one.numerics.time_step), math.prod(numerics.spacing)
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
-    passes = max(scene.nonlocal_passes or 0 for scene in scenes)
+    passes = max(scene.numerics.nonlocal_passes or 0 for scene in scenes)
     return GridSize(
         particles=ground.volume(shape) / each,
         nodes=math.prod(count + 3.0 for count in cells),

@@ -23,16 +23,7 @@ def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
             gravity=scene.gravity,
             motion=scene.motion,
             body_force=scene.body_force,
-            damping=scene.damping,
-            flip=scene.flip,
-            pic_damping=scene.pic_damping,
-            xpic=scene.xpic,
-            scheme=scene.scheme,
-            engine=scene.engine,
-            fbar=scene.fbar,
-            cell_average=scene.cell_average,
-            gap_average=scene.gap_average,
-            finite_strain=scene.finite_strain,
+            numerics=scene.numerics,
         )
         for column in (scene.free_field.low, scene.free_field.high)
     )

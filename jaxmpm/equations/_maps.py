@@ -43,14 +43,14 @@ class Maps(NamedTuple):
 
     def to_all_nodes(self, carried: Array | None, stress: Array | None) -> Array:
         """As `to_grid`, at all nodes that particles reach, those beyond open ends of the ground included."""
-        scene = self.scene
-        return p2g(scene.grid, scene.kernel, self.position, carried, stress, engine=scene.engine)
+        grid, numerics = self.scene.grid, self.scene.numerics
+        return p2g(grid, numerics.kernel, self.position, carried, stress, engine=numerics.engine)
 
     def from_all_nodes(self, nodal: Array, *, values: int, gradients: int) -> tuple[Array, Array]:
         """As `to_particles`, from all nodes that particles reach."""
-        scene = self.scene
+        grid, numerics = self.scene.grid, self.scene.numerics
         return g2p(
-            scene.grid, scene.kernel, self.position, nodal, values=values, gradients=gradients, engine=scene.engine
+            grid, numerics.kernel, self.position, nodal, values=values, gradients=gradients, engine=numerics.engine
         )
 
     def fold(self, reached: Array) -> Array:
@@ -89,14 +89,14 @@ class Maps(NamedTuple):
         """Average (N,) of `values` (N,) over each cell by `volume` (N,) m3; soil with friction and other soil apart."""
         scene, kind = self.scene, frictional(self.scene.material)
         apart = None if isinstance(kind, bool) else kind
-        return within_cells(scene.grid, self.position, values, volume, apart, engine=scene.engine)
+        return within_cells(scene.grid, self.position, values, volume, apart, engine=scene.numerics.engine)
 
     def unlocked(self, strain: Tensor, volume: Array) -> Tensor:
         """The strain with its mean averaged as the scene requires; `volume` (N,) m3 is that of the particles."""
         scene = self.scene
-        if scene.fbar:
+        if scene.numerics.fbar:
             return tensors.with_mean(strain, self.average(tensors.mean(strain), 0))
-        if scene.cell_average:
+        if scene.numerics.cell_average:
             return tensors.with_mean(strain, self.cell_average(tensors.mean(strain), volume))
         return strain
 

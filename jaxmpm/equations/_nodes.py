@@ -76,7 +76,7 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
     particles, grid = scene.particles, scene.grid
     volume, area, average, unsoftened = particles.volume * state.volume_ratio, None, None, None
-    averaged = [] if scene.nonlocal_passes is None else jax.tree.leaves(state.unaveraged)
+    averaged = [] if scene.numerics.nonlocal_passes is None else jax.tree.leaves(state.unaveraged)
     weighed = jnp.stack([particles.mass, *(particles.mass * change for change in averaged)])
     carried = [weighed, momentum(scene, state, maps.position)]
     external = external_force(scene, maps.position, state.step * dt)
@@ -109,8 +109,8 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         forces[-1] = closed(scene, gap, forces[-1], undrained)
     if left is not None:
         unsoftened = left * reciprocal(scene, sums[:, 0])
-    if scene.nonlocal_passes is not None:
-        average = maps.nodal_average(sums, scene.nonlocal_passes)
+    if scene.numerics.nonlocal_passes is not None:
+        average = maps.nodal_average(sums, scene.numerics.nonlocal_passes)
     mass = tensors.spread(sums[:, :1], grid.dimension, axis=1)
     return Nodal(
         mass=mass,
@@ -176,8 +176,8 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> GridMotion:
     assert nodal.force is not None
     before = nodal_velocity(nodal)
     acceleration = nodal.per_mass * (nodal.force + nodal.mass * felt_gravity(scene, time))
-    if scene.damping is not None:
-        acceleration = acceleration - scene.damping * before
+    if scene.numerics.damping is not None:
+        acceleration = acceleration - scene.numerics.damping * before
     if nodal.beyond is not None:
         acceleration = led(scene, nodal, before, acceleration, dt)
     velocity = before + dt * acceleration

@@ -44,11 +44,11 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
         left = jnp.clip((last - jnp.log(volume / scene.particles.volume)) / (last - first), 0, 1)
         total = tensors.mean(effective) - left * scene.pore_pressure
         stress = tensors.compress(tensors.with_mean(effective, total), d)
-    if scene.fbar:
+    if scene.numerics.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
         full = tensors.with_mean(full, maps.average(tensors.mean(full) * specific, 0) / specific)
         stress = tensors.compress(full, d)
-    if scene.cell_average and (local := frictional(scene.material)) is not True:
+    if scene.numerics.cell_average and (local := frictional(scene.material)) is not True:
         full = tensors.expand(stress, d)
         mean = tensors.mean(full)
         full = tensors.with_mean(full, jnp.where(local, mean, maps.cell_average(mean, volume)))
@@ -60,21 +60,21 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
 def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:
     """Stress, history, gap and volume after a step with velocity gradient (d, d, N) 1/s."""
     d = scene.grid.dimension
-    strained = (strained_by_logarithms if scene.finite_strain else strained_by_rates)(
+    strained = (strained_by_logarithms if scene.numerics.finite_strain else strained_by_rates)(
         scene, state, tensors.entries(gradient), dt, maps
     )
     given = strained.strain, strained.stress, state.history, dt
     gap = state.gap
-    if gap is not None and scene.gap_average:
+    if gap is not None and scene.numerics.gap_average:
         # As the strain is: otherwise loose sand lies for ever beside sand that bears its weight. Clay loses energy.
         averaged = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
         gap = jnp.where(frictional(scene.material), averaged, gap)
-    stress, history, gap = update_with_gap(scene.material, *given, gap=gap, logarithmic=scene.finite_strain)
+    stress, history, gap = update_with_gap(scene.material, *given, gap=gap, logarithmic=scene.numerics.finite_strain)
     unaveraged = state.unaveraged
-    if scene.nonlocal_passes is not None:
+    if scene.numerics.nonlocal_passes is not None:
         # The next step's transfers average it: transfers of its own would cost a fifth of a step.
         unaveraged, history = jax.tree.map(operator.sub, history, state.history), state.history
-    if scene.finite_strain:
+    if scene.numerics.finite_strain:
         # Stored first: otherwise XLA on CPU divides all components in the one loop that computes them.
         components = tensors.compress(tensors.row_by_row(stress), d) / strained.volume_ratio
     else:

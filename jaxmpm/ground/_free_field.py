@@ -59,9 +59,9 @@ def with_free_field(
     state = replace(state, free_field=(left_state, right_state))
     if not np.any(np.asarray(state.stress)):
         return scene, state
-    nodal = particles_to_grid(scene, state, scene.time_step, Maps(scene, scene.particles.position))
+    nodal = particles_to_grid(scene, state, scene.numerics.time_step, Maps(scene, scene.particles.position))
     assert nodal.force is not None
-    traction = free_field(scene, state, scene.time_step).traction
+    traction = free_field(scene, state, scene.numerics.time_step).traction
     net = (nodal.force + nodal.mass * scene.gravity).reshape(*scene.grid.shape, -1)[jnp.asarray(planes)]
     return replace(scene, free_field=replace(field, held=-net - traction)), state
 

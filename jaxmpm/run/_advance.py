@@ -38,7 +38,7 @@ def lane_status(scene: Scene, state: State) -> Array:
     ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
     speed2 = jnp.max(jnp.sum(state.velocity**2, axis=0))
     finite = jnp.isfinite(speed2) & jnp.all(jnp.isfinite(ends))
-    slow = speed2 * scene.time_step**2 < scene.grid.cell**2
+    slow = speed2 * scene.numerics.time_step**2 < scene.grid.cell**2
     status = jnp.where(slow, Status.RUNNING, Status.TIME_STEP_TOO_LARGE)
     status = jnp.where(jnp.min(state.volume_ratio) > 0, status, Status.INVERTED)
     status = jnp.where(jnp.all(inside(scene.grid, ends)), status, Status.OUTSIDE_GRID)
@@ -78,7 +78,7 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
     state = begun(scene, state)
 
     def advanced(old: State) -> State:
-        new = step(scene, old, scene.time_step)
+        new = step(scene, old, scene.numerics.time_step)
         return replace(new, step=old.step + 1, status=lane_status(scene, new))
 
     def frozen_unless_running(_: object, old: State) -> State:

@@ -161,7 +161,7 @@ class Batch:
     def result(self, lane: int) -> Result:
         """Result of a sample that has ended."""
         scene = _take(self.scene, lane, self.axes)
-        return Result(jax.device_get(_take(self.state, lane)), scene.time_step)
+        return Result(jax.device_get(_take(self.state, lane)), scene.numerics.time_step)
 
     def advanced(
         self,
@@ -241,7 +241,7 @@ class Batch:
 
 def _pace(scene: Scene, t_end: float, every: float) -> tuple[float, int, int]:
     """Time step (s), steps to the end, and steps of a chunk."""
-    dt = float(scene.time_step)
+    dt = float(scene.numerics.time_step)
     total = steps_until(t_end, dt)
     return dt, total, even_chunk(total, max(1, round(every / dt)))
 

@@ -67,7 +67,9 @@ def checkpoints(scene: Scene, state: State, steps: int, memory: float) -> Checkp
     check.positive("memory", memory, "bytes")
     size, nodal, needed = _bytes(state), _nodal_bytes(scene, state), 0
     step_in_states = (
-        STEP_IN_STATES + MORE_WITH_FRICTION * scene.material.FRICTIONAL + MORE_WITH_FINITE_STRAIN * scene.finite_strain
+        STEP_IN_STATES
+        + MORE_WITH_FRICTION * scene.material.FRICTIONAL
+        + MORE_WITH_FINITE_STRAIN * scene.numerics.finite_strain
     )
     for depth in range(1, 1 + max(1, int(np.log2(max(steps, 2))))):
         levels = _levels(steps, depth)
@@ -91,7 +93,7 @@ def _maps_to_nodes(primitive: object, *_: object, **__: object) -> bool:
 
 def _nodal_bytes(scene: Scene, state: State) -> int:
     """Bytes of what the particles map to the nodes in a step."""
-    equations = jax.make_jaxpr(step)(scene, state, scene.time_step).eqns
+    equations = jax.make_jaxpr(step)(scene, state, scene.numerics.time_step).eqns
     given = [out.aval for e in equations if _maps_to_nodes(e.primitive) for out in e.outvars]
     return sum(array.size * array.dtype.itemsize for array in given)
 
@@ -155,7 +157,7 @@ def replay(
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))
 
     def one(old: State) -> State:
-        new = replace(step(scene, old, scene.time_step), step=old.step + 1)
+        new = replace(step(scene, old, scene.numerics.time_step), step=old.step + 1)
         # A lane may break off and come back, such as soil that leaves the grid and falls into it.
         status = jnp.where(old.status == Status.RUNNING, lane_status(scene, jax.lax.stop_gradient(new)), old.status)
         new = replace(new, status=status)

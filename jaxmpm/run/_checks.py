@@ -43,7 +43,7 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
             f"the state's history is not that of {type(law).__name__}: give the state that was built with this law, or "
             "replace(state, history=scene.material.initial_history(scene.particles))"
         )
-    if scene.nonlocal_passes is not None and jax.tree.structure(state.unaveraged) != expected:
+    if scene.numerics.nonlocal_passes is not None and jax.tree.structure(state.unaveraged) != expected:
         raise ValueError(
             "the scene averages the change of the history over neighbours, and the state has none: give the state that "
             "was built with it, or replace(state, unaveraged=unstressed(scene).unaveraged)"

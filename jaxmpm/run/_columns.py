@@ -114,7 +114,7 @@ def _above(scene: Scene, cells: Array, surface: Array) -> Array:
     for corner in itertools.product((0, 1), repeat=surface.ndim):
         up = jnp.array(corner)[:, None]
         below += jnp.prod(jnp.where(up == 1, part, 1 - part), axis=0) * surface[tuple(lower + up)]
-    sizes = getattr(scene.kernel, "half_size", None)
+    sizes = getattr(scene.numerics.kernel, "half_size", None)
     half = HALF if sizes is None else sizes[-1] / scene.grid.cell
     return jnp.clip((cells[-1] - below) / (2 * half) + 0.5, 0, 1)
 
@@ -158,7 +158,7 @@ def recorded(scene: Scene, state: State) -> State:
     def look() -> tuple[Array, Array, Array]:
         now = passing(scene, state, columns.moved, columns.surface)
         there = now.thickness >= columns.least
-        time = (state.step * scene.time_step).astype(columns.arrival.dtype)
+        time = (state.step * scene.numerics.time_step).astype(columns.arrival.dtype)
         return (
             jnp.maximum(columns.thickness, now.thickness),
             jnp.maximum(columns.speed, jnp.where(there, now.speed, 0)),

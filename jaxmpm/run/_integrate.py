@@ -123,9 +123,9 @@ def solve(
             "replay(scene, state, int(result.state.step))"
         )
     check_run(t_end, settle, stop_at, least_volume)
-    if np.ndim(scene.time_step):
+    if np.ndim(scene.numerics.time_step):
         raise ValueError("time_step differs between lanes: give one number, the smallest of them")
-    check.positive("time_step", scene.time_step, "s")
+    check.positive("time_step", scene.numerics.time_step, "s")
     if axes is None:
         check_scene(scene)
     check_state(scene, state, axes)
@@ -133,7 +133,7 @@ def solve(
     outside = [t for t in snapshots if not 0 <= t <= t_end]
     if outside:
         raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")
-    dt = float(scene.time_step)
+    dt = float(scene.numerics.time_step)
     if t_end < dt * (1 - 1e-6):
         raise ValueError(f"t_end = {t_end:g} s is below the time step of {dt:g} s: give that or more")
     total = steps_until(t_end, dt)
@@ -166,7 +166,7 @@ def solve(
     final = jnp.where(state.status == Status.RUNNING, Status.FINISHED, state.status).astype(jnp.int32)
     return Result(
         state=replace(state, status=final),
-        time_step=scene.time_step,
+        time_step=scene.numerics.time_step,
         times=times,
         snapshots=tuple(stored.get(n, last) for n in wanted),
     )

@@ -89,8 +89,11 @@ def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
     fall = math.sqrt(_gravity(scene) * height)
     before, after = (fall + wave_speed(scene.particles, each) for each in (scene.material, material))
     share = before / after
-    flip = None if scene.flip is None else scene.flip**share
-    return replace(scene, material=material, time_step=scene.time_step * share, flip=flip)
+    numerics = scene.numerics
+    flip = None if numerics.flip is None else numerics.flip**share
+    return replace(
+        scene, material=material, numerics=replace(numerics, time_step=numerics.time_step * share, flip=flip)
+    )
 
 
 def least_failing_volume(height: float, dimension: int) -> float:

@@ -100,7 +100,7 @@ def _still_shaken(scene: Scene, state: State) -> np.ndarray:
     """Whether the motion of the base goes on in each lane, () or (B,): no slope has settled before its end."""
     if scene.motion is None:
         return np.zeros(np.shape(state.step), bool)
-    return np.asarray(state.step) * np.asarray(scene.time_step) < np.asarray(scene.motion.duration)
+    return np.asarray(state.step) * np.asarray(scene.numerics.time_step) < np.asarray(scene.motion.duration)
 
 
 def steps_until(time: float, dt: float) -> int:
@@ -182,7 +182,7 @@ class Watch:
             strain, half_period = plastic
             rates, stands, speeds_up = early.judged(self.rates, elapsed, half_period, strain, displacement)
             watch = replace(watch, rates=rates)
-            time = np.asarray(state.step) * np.asarray(scene.time_step)
+            time = np.asarray(state.step) * np.asarray(scene.numerics.time_step)
             fails = speeds_up & (early.projected(displacement, time) > stop_at)
             class_ = np.where(stands, Status.SETTLED, np.where(fails, Status.DECIDED, Status.RUNNING))
             status = np.where(status == Status.RUNNING, class_, status)

@@ -33,7 +33,7 @@ from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.support import check
 from jaxmpm.tensors import CARRIED, expand
 from jaxmpm.transfer import passes_for
-from jaxmpm.types import Engine, Scene, State, Status
+from jaxmpm.types import Engine, Numerics, Scene, State, Status
 
 
 def scene(
@@ -84,17 +84,16 @@ def scene(
     check.not_negative("speed", speed, "m/s")
     number = number_of(dtype)
     material = checked_material(material, particles, dtype)
-    numerics = discretisation
-    if numerics.fbar and material.FRICTIONAL:
+    if discretisation.fbar and material.FRICTIONAL:
         raise ValueError(
             "fbar = True with a frictional soil: it averages the mean stress, on which friction depends, and soil at a "
             "free surface would lose its strength; leave fbar out, cell_average is the cure for such soils"
         )
-    if numerics.fbar and numerics.cell_average:
+    if discretisation.fbar and discretisation.cell_average:
         raise ValueError("fbar = True with cell_average = True: both average the volumetric strain, give one of them")
     if loads.motion is not None:
         check_motion(loads.motion, d)
-    length = numerics.internal_length
+    length = discretisation.internal_length
     if boundary.tied is not None:
         check_tied(boundary.tied, grid, particles, boundary.walls, length)
     if loads.motion is not None and boundary.softening is not None:
@@ -108,28 +107,31 @@ def scene(
         raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
     if loads.k0 is not None:
         check_shape("k0", loads.k0, particles)
-    average = numerics.cell_average
+    average = discretisation.cell_average
     average = bool(material.FRICTIONAL and d > 1) if average is None else bool(average)
+    numerics = Numerics(
+        time_step=number(discretisation.cfl * grid.cell / (wave_speed(particles, material) + speed)),
+        kernel=kernel,
+        scheme=discretisation.scheme,
+        engine=engine,
+        fbar=bool(discretisation.fbar),
+        cell_average=average,
+        gap_average=average and frictional(material) is not False,
+        finite_strain=bool(discretisation.finite_strain),
+        xpic=discretisation.xpic,
+        nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
+        flip=None if discretisation.flip == 1 else number(discretisation.flip),
+        pic_damping=None if discretisation.pic_damping == 0 else number(discretisation.pic_damping),
+        damping=None if discretisation.damping == 0 else number(discretisation.damping),
+    )
     built = Scene(
         grid=grid,
         particles=particles,
         material=material,
+        numerics=numerics,
         gravity=number(g),
-        time_step=number(numerics.cfl * grid.cell / (wave_speed(particles, material) + speed)),
-        kernel=kernel,
         walls=tuple(boundary.walls),
-        scheme=numerics.scheme,
-        engine=engine,
-        fbar=bool(numerics.fbar),
-        cell_average=average,
-        gap_average=average and frictional(material) is not False,
-        finite_strain=bool(numerics.finite_strain),
-        xpic=numerics.xpic,
-        nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),
         body_force=loads.body_force,
-        flip=None if numerics.flip == 1 else number(numerics.flip),
-        pic_damping=None if numerics.pic_damping == 0 else number(numerics.pic_damping),
-        damping=None if numerics.damping == 0 else number(numerics.damping),
         wall_friction=None if boundary.friction is None else number(boundary.friction),
         wall_cohesion=None if boundary.cohesion is None else number(boundary.cohesion),
         wall_pressure=None if boundary.pressure is None else number(boundary.pressure),
@@ -150,10 +152,10 @@ def scene(
 
 def _check_time_step(scene: Scene, motion: BaseMotion | None) -> None:
     """Raise ValueError for damping that a time step takes too far; warn of a record that it skips parts of."""
-    dt = float(scene.time_step)
-    if scene.damping is not None and float(scene.damping) * dt >= 1:
+    dt, damping = float(scene.numerics.time_step), scene.numerics.damping
+    if damping is not None and float(damping) * dt >= 1:
         raise ValueError(
-            f"damping = {float(scene.damping):g} 1/s in time steps of {dt:.3g} s: give less than {1 / dt:.3g}, from "
+            f"damping = {float(damping):g} 1/s in time steps of {dt:.3g} s: give less than {1 / dt:.3g}, from "
             "which on it turns velocities round in each step, or a smaller cfl"
         )
     if motion is None or check.is_traced(motion):
@@ -189,7 +191,7 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
         status=jnp.asarray(int(Status.RUNNING), jnp.int32),
         affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
         gap=jnp.zeros_like(particles.mass) if remembers_gap(scene.material) else None,
-        unaveraged=None if scene.nonlocal_passes is None else jax.tree.map(jnp.zeros_like, history),
+        unaveraged=None if scene.numerics.nonlocal_passes is None else jax.tree.map(jnp.zeros_like, history),
     )
 
 

@@ -161,11 +161,12 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     varied = replace(varied, **contact)
     if not STARTING & given.keys():
         return varied, state
+    numerics = scene.numerics
     if not check.admissible(varied):
         # Its lane takes no step. The time step is a leaf that varies, so it is a new array in any case.
-        return replace(varied, time_step=scene.time_step * 1), state
+        return replace(varied, numerics=replace(numerics, time_step=numerics.time_step * 1)), state
     before, after = (wave_speed(s.particles, s.material) for s in (scene, varied))
-    varied = replace(varied, time_step=scene.time_step * min(1.0, before / after))
+    varied = replace(varied, numerics=replace(numerics, time_step=numerics.time_step * min(1.0, before / after)))
     if not np.any(np.asarray(state.stress)):
         return varied, state
     return varied, with_stress(varied, state, at_rest(varied).stress)

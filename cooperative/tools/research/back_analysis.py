@@ -132,7 +132,7 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
     # Zones without a parameter have nan for it, and 0 times nan would be their part of its derivative.
     drawn |= {path: jnp.nan_to_num(drawn[path]) * jnp.exp(change) for path, change in changed.items()}
     varied, _ = with_soil(scene, model.state, **drawn)
-    every = max(1, round(survey.seconds / float(scene.time_step) / survey.times))
+    every = max(1, round(survey.seconds / float(scene.numerics.time_step) / survey.times))
     final, histories = replay(
         varied, model.state, every * survey.times, memory=memory, every=every,
         observe=lambda s: s.displacement[:, survey.markers],

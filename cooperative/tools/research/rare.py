@@ -213,7 +213,7 @@ def slide_limit_state(
     """
     model.refuse_own_start()
     scene, state = model.scene, model.state
-    steps = max(1, round(seconds / float(scene.time_step)))
+    steps = max(1, round(seconds / float(scene.numerics.time_step)))
 
     def measured(coefficients: jax.Array) -> jax.Array:
         varied, _ = with_soil(scene, state, **model.varied(coefficients))

@@ -412,7 +412,7 @@ def _causes(result: Safety, model: GridModel, *, higher: bool, cells: float) -> 
     if cells < CELLS_HIGH:
         resist = ", and coarse cells resist" if higher else ""
         yield f"the slope is {cells:.3g} cells high{resist}: halve cell and spacing"
-    unlocked = model.scene.fbar or model.scene.cell_average
+    unlocked = model.scene.numerics.fbar or model.scene.numerics.cell_average
     if higher and not unlocked and any(getattr(soil, "strength", None) is not None for soil in soils):
         yield "clay without a cure of locking resists too much: give the grid cell_average = true"
     thin = [

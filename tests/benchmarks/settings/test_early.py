@@ -37,7 +37,7 @@ def test_the_rule_on_the_side_gives_what_a_campaign_does():
     assert {sample.status for sample in samples} == {Status.DECIDED.name, Status.SETTLED.name}
     for sample, row in zip(samples, rows, strict=True):
         assert (sample.number, sample.status) == (row["number"], row["early_status"])
-        assert float(row["early_time"]) == pytest.approx(sample.steps * float(model.scene.time_step), rel=1e-4)
+        assert float(row["early_time"]) == pytest.approx(sample.steps * float(model.scene.numerics.time_step), rel=1e-4)
         if sample.status == Status.DECIDED.name:
             assert float(row["early_displacement"]) == pytest.approx(sample.row["displacement"], rel=1e-4)
     stored = early_runs.read()["section, default, rough"]

@@ -98,7 +98,7 @@ def test_a_slide_is_that_of_reduced_strength_and_goes_on_where_it_was_stopped(mo
     far = float(np.linalg.norm(np.asarray(result.state.displacement), axis=0).max())
     assert outcome.displacement_any == pytest.approx(far, rel=1e-3)
     assert outcome.steps == int(result.state.step)
-    assert outcome.time == pytest.approx(float(result.state.step * scene.time_step), rel=1e-4)
+    assert outcome.time == pytest.approx(float(result.state.step * scene.numerics.time_step), rel=1e-4)
     assert outcome.mode == "deep"
     assert outcome.runout is not None
     assert outcome.runout > 0

@@ -182,7 +182,7 @@ def test_export_runs_a_sample_again_for_its_moments(tiny_campaign, capsys):
     stored = read_sample(read_store(folder), "rough", 2)
     model = runs.build(parse(TINY), "rough", runs.random_soil(parse(TINY)))
     times, steps = vtk_steps(path)
-    np.testing.assert_allclose(times, np.linspace(0, stored.steps * float(model.scene.time_step), 3))
+    np.testing.assert_allclose(times, np.linspace(0, stored.steps * float(model.scene.numerics.time_step), 3))
     # The same run, bit for bit.
     np.testing.assert_array_equal(steps[-1][1]["displacement"][:, [0, 2]].T, stored.fields["displacement"])
     assert {"velocity", "stress"} <= steps[0][1].keys()

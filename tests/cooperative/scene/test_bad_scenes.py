@@ -23,8 +23,8 @@ def test_a_size_is_that_of_the_grid_that_is_built():
         # A slope's face is made of steps.
         assert size.particles == pytest.approx(scene.particles.mass.size, rel=0.05)
         assert size.nodes == math.prod(scene.grid.shape)
-        assert size.steps == pytest.approx(campaign.run.t_end / float(scene.time_step))
-        assert size.passes == (scene.nonlocal_passes or 0)
+        assert size.steps == pytest.approx(campaign.run.t_end / float(scene.numerics.time_step))
+        assert size.passes == (scene.numerics.nonlocal_passes or 0)
 
 
 def test_scenes_that_come_along_fit_into_a_small_machine(monkeypatch):

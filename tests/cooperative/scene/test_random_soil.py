@@ -89,13 +89,13 @@ def test_soil_with_friction_has_the_law_and_the_cure_of_such_soil():
     model = model_of(SAND)
     assert model.campaign.soil == FrictionalSoil(5e3, 22.0, young=2e7, softening_length=None)
     assert isinstance(model.scene.material, MohrCoulomb)
-    assert model.scene.cell_average
-    assert not model.scene.fbar
+    assert model.scene.numerics.cell_average
+    assert not model.scene.numerics.fbar
     cone = changed(
         SAND, ("cell = 2.0", "cell = 2.0\ncell_average = false"), ("poisson", "criterion = 'drucker-prager'\npoisson")
     )
     assert isinstance(model_of(cone).scene.material, DruckerPrager)
-    assert not model_of(cone).scene.cell_average
+    assert not model_of(cone).scene.numerics.cell_average
     xi = drawn(model, 1)[0]
     friction = np.asarray(model.parameters(xi)["friction"])
     assert 5 < friction.min() < friction.max() < 50
@@ -248,9 +248,11 @@ def test_a_sample_of_stiffness_and_weight_has_its_own_start_and_step():
     poisson, density = 0.3, parameters["unit_weight"] / 9.81
     modulus = parameters["young"] * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
     fastest, mean = np.sqrt((modulus / density).max()), np.sqrt(2e7 * 0.7 / (1.3 * 0.4) / (20e3 / 9.81))
-    assert float(scene.time_step) == pytest.approx(float(model.scene.time_step) * mean / fastest, rel=1e-4)
-    assert model.time_step(xi) == float(scene.time_step)
-    assert model_of(SAND).time_step(np.zeros(1)) == float(model_of(SAND).scene.time_step)
+    assert float(scene.numerics.time_step) == pytest.approx(
+        float(model.scene.numerics.time_step) * mean / fastest, rel=1e-4
+    )
+    assert model.time_step(xi) == float(scene.numerics.time_step)
+    assert model_of(SAND).time_step(np.zeros(1)) == float(model_of(SAND).scene.numerics.time_step)
     np.testing.assert_allclose(scene.particles.mass, density * scene.particles.volume, rtol=1e-5)
 
 

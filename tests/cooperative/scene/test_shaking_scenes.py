@@ -38,8 +38,8 @@ def shaken(folder, record=RECORD, motion=MOTION, scene=SCENE):
 
 
 def program(scene, state):
-    scene = replace(scene, engine=mpm.Engine.XLA)
-    return jax.jit(mpm.step).lower(scene, state, scene.time_step).as_text()
+    scene = replace(scene, numerics=replace(scene.numerics, engine=mpm.Engine.XLA))
+    return jax.jit(mpm.step).lower(scene, state, scene.numerics.time_step).as_text()
 
 
 def test_level_ground_slides_on_its_base_from_the_coefficient_of_the_closed_form():
@@ -109,7 +109,7 @@ def test_no_run_settles_before_its_record_ends(tmp_path):
     scene, state = model.median
     for shaking, most in ((scene, 4.0), (replace(scene, motion=None), 2.0)):
         end = mpm.solve(shaking, state, t_end=4.0, settle=mpm.Settle()).state
-        assert most - 1.0 < int(end.step) * float(scene.time_step) < most + 0.1
+        assert most - 1.0 < int(end.step) * float(scene.numerics.time_step) < most + 0.1
     varied = {"strength": [model.strength()]}
     ((_, result),) = mpm.solve_each(scene, state, varied, width=1, t_end=4.0, settle=mpm.Settle())
     assert int(result.state.step) * float(result.time_step) > 3.5

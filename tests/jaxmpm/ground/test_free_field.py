@@ -51,7 +51,9 @@ def test_level_ground_between_free_fields_moves_as_ground_without_ends_on_both_e
     assert np.abs(computed - wanted).max() < 1e-4 * np.abs(wanted).max()
     for own in end.free_field:
         assert np.allclose(np.unique(np.round(own.displacement[0], 12)), np.unique(np.round(wanted[0], 12)))
-    other = mpm.run.advance_lanes(replace(open_, engine=mpm.Engine.XLA), again, jnp.asarray(100), None)
+    other = mpm.run.advance_lanes(
+        replace(open_, numerics=replace(open_.numerics, engine=mpm.Engine.XLA)), again, jnp.asarray(100), None
+    )
     for ours, theirs in zip((end, *end.free_field), (other, *other.free_field), strict=True):
         for name in ("displacement", "velocity", "stress"):
             one, its = (np.asarray(getattr(each, name)) for each in (ours, theirs))
@@ -62,7 +64,7 @@ def test_level_ground_between_free_fields_moves_as_ground_without_ends_on_both_e
 def test_level_ground_at_rest_stays_at_rest():
     scene, state = layer(motion=shaking(0.0), soil=LAYERS)
     end = mpm.run.advance_lanes(scene, jax.tree.map(jnp.copy, state), jnp.asarray(60), None)
-    fallen = 9.81 / 2 * (60 * float(scene.time_step)) ** 2
+    fallen = 9.81 / 2 * (60 * float(scene.numerics.time_step)) ** 2
     assert float(jnp.abs(end.displacement).max()) < 1e-6 * fallen
 
 

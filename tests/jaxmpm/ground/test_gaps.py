@@ -106,7 +106,7 @@ def test_of_layers_of_both_kinds_the_clay_alone_is_held_across_a_gap():
         scene = replace(scene, particles=replace(scene.particles, position=up))
         shear = state.stress.at[3].set(10e3)
         nodal = equations.particles_to_grid(
-            scene, replace(state, stress=shear), scene.time_step, equations.Maps(scene, up)
+            scene, replace(state, stress=shear), scene.numerics.time_step, equations.Maps(scene, up)
         )
         force = np.asarray(nodal.force).reshape(*scene.grid.shape, 2)[1:5, scene.walls[0].index, 0]
         drags.append(-force.sum() / (4 * 10e3))
@@ -121,4 +121,4 @@ def test_other_schemes_close_gaps_too(scheme):
     steps = 60
     end = mpm.advance(scene, start, jnp.asarray(steps))
     lost = float(jnp.sum(scene.particles.mass * (start.velocity[0] - end.velocity[0])))
-    assert lost / (steps * float(scene.time_step) * 20e3 * 4) == pytest.approx(1, abs=0.05)
+    assert lost / (steps * float(scene.numerics.time_step) * 20e3 * 4) == pytest.approx(1, abs=0.05)

@@ -71,7 +71,7 @@ def test_a_layer_on_a_base_that_softens_runs_away_as_the_closed_form(kind, schem
     reached = math.acosh(1 + interface.slip_length * growth / start) / math.sqrt(growth)
     for t_end in (0.8 * reached, 1.4 * reached):
         final = mpm.solve(scene, state, t_end=t_end).raise_if_failed().state
-        time = float(scene.time_step) * int(final.step)
+        time = float(scene.numerics.time_step) * int(final.step)
         within = min(time, reached)
         exact = start / growth * (math.cosh(math.sqrt(growth) * within) - 1)
         speed = start / math.sqrt(growth) * math.sinh(math.sqrt(growth) * within)
@@ -116,7 +116,7 @@ def test_a_contact_holds_at_each_node_by_the_strength_there():
         contact, _ = mpm.with_soil(scene, state, wall_friction=friction, wall_cohesion=0.0)
         speeds.append(float(jnp.mean(mpm.advance(contact, state, 200).velocity[0])))
     assert speeds[0] == pytest.approx(speeds[1], rel=0.03)
-    assert speeds[1] == pytest.approx((0.5 - 0.2) * 9.81 * 200 * float(scene.time_step), rel=0.01)
+    assert speeds[1] == pytest.approx((0.5 - 0.2) * 9.81 * 200 * float(scene.numerics.time_step), rel=0.01)
     with pytest.raises(ValueError, match=r"wall_cohesion has shape \(3,\): give a number or \(\d+,\)"):
         mpm.with_soil(scene, state, wall_cohesion=jnp.ones(3))
 
@@ -128,7 +128,7 @@ def test_soil_that_has_opened_has_the_cohesion_of_its_base_and_no_more(opened):
     final = mpm.solve(scene, loose, t_end=0.3).raise_if_failed().state
     speed = float(np.average(final.velocity[0], weights=scene.particles.mass))
     held = 8e3 / (STIFF.unit_weight * HEIGHT / 9.81)
-    assert speed / (float(scene.time_step) * int(final.step)) == pytest.approx(0.4 * 9.81 - held, rel=0.01)
+    assert speed / (float(scene.numerics.time_step) * int(final.step)) == pytest.approx(0.4 * 9.81 - held, rel=0.01)
 
 
 @pytest.mark.parametrize(("friction", "cohesion"), [(0.0, 4e3), (0.2, 3e3)])

@@ -180,7 +180,7 @@ def test_float32_stays_where_it_rests():
     scene, state = mpm.column(6.0, mpm.Soil(young=1e7, strength=2e5, tension_cutoff=None), EIGHTS)
     still = jnp.zeros((2, 2, scene.particles.mass.size))
     maps = Maps(scene, scene.particles.position)
-    strain = jax.jit(lambda _, now: update_stress(scene, now, still, scene.time_step, maps))
+    strain = jax.jit(lambda _, now: update_stress(scene, now, still, scene.numerics.time_step, maps))
     end = jax.lax.fori_loop(0, 1000, strain, state)
     assert np.abs(end.stress - state.stress).max() < 1e-5 * np.abs(state.stress).max()
 

@@ -44,9 +44,9 @@ def stretched(ratios, axes=(0, 1, 2), *, finite_strain=False):
 def pressure_after(scene, state, ratios, axes=(0, 1, 2)):
     """Mean Kirchhoff stress and volume ratio after each step."""
     means = []
-    for step in stretched(ratios, axes, finite_strain=scene.finite_strain):
+    for step in stretched(ratios, axes, finite_strain=scene.numerics.finite_strain):
         state = deformed(scene, state, step[None])
-        scale = state.volume_ratio[0] if scene.finite_strain else 1.0
+        scale = state.volume_ratio[0] if scene.numerics.finite_strain else 1.0
         means.append((float(scale * jnp.mean(state.stress[:3, 0])), float(state.volume_ratio[0])))
     return np.array(means).T, state
 

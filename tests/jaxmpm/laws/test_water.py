@@ -99,8 +99,8 @@ def test_water_carries_no_more_of_soil_that_has_opened():
     opened = replace(state, volume_ratio=jnp.full_like(state.volume_ratio, 5.0))
     high = np.asarray(scene.particles.position[1]) > 3  # some cells above the base
     for start in (state, opened):
-        velocity = np.asarray(mpm.step(scene, start, scene.time_step).velocity[1])
-        assert np.allclose(velocity[high], -9.81 * (1 - WATER / 18e3) * float(scene.time_step), rtol=0.01)
+        velocity = np.asarray(mpm.step(scene, start, scene.numerics.time_step).velocity[1])
+        assert np.allclose(velocity[high], -9.81 * (1 - WATER / 18e3) * float(scene.numerics.time_step), rtol=0.01)
 
 
 FBAR = replace(HALVES, fbar=True)
@@ -300,7 +300,9 @@ def test_lanes_share_the_water_on_both_engines():
     varied, axes = mpm.run.lanes(scene, cohesion=jnp.array([1e3, 5e3]))
     together = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=0.2, axes=axes).state.displacement
     for engine in (None, mpm.Engine.XLA):
-        alone = mpm.solve(replace(scene, engine=engine), state, t_end=0.2).state.displacement
+        alone = mpm.solve(
+            replace(scene, numerics=replace(scene.numerics, engine=engine)), state, t_end=0.2
+        ).state.displacement
         assert np.allclose(together[1], alone, rtol=1e-12, atol=1e-15)
 
 

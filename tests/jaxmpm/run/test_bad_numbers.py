@@ -98,7 +98,10 @@ def test_replay_and_advance_say_so_too(section):
 )
 def test_other_numbers_of_a_scene_are_held_to_their_limits(section, name, value):
     scene, state = section
-    bad = replace(scene, **{name: jnp.full_like(getattr(scene, name) if name == "gravity" else scene.time_step, value)})
+    if name == "gravity":
+        bad = replace(scene, gravity=jnp.full_like(scene.gravity, value))
+    else:
+        bad = replace(scene, numerics=replace(scene.numerics, **{name: jnp.full_like(scene.numerics.time_step, value)}))
     assert int(mpm.advance(bad, state, jnp.asarray(1)).status) == BAD
     with pytest.raises(ValueError, match=f"{name} = "):
         mpm.solve(bad, state, t_end=0.1)

@@ -37,7 +37,7 @@ def binned(scene, state, threshold):
 def test_it_keeps_what_every_look_shows(slope):
     scene, start = slope
     every, threshold = 10, 0.5
-    dt, steps = float(scene.time_step), 400
+    dt, steps = float(scene.numerics.time_step), 400
     looked = mpm.with_columns(scene, start, moved=threshold, every=every)
     columns = mpm.solve(scene, looked, t_end=steps * dt).state.columns
     times = [number * dt for number in range(every, steps + 1, every)]
@@ -60,7 +60,7 @@ def test_it_keeps_what_every_look_shows(slope):
 def test_a_run_moves_the_same_and_goes_on_from_a_restart_point(slope, tmp_path):
     scene, start = slope
     looked = mpm.with_columns(scene, start, moved=0.5)
-    dt = float(scene.time_step)
+    dt = float(scene.numerics.time_step)
     whole = mpm.solve(scene, looked, t_end=400 * dt).state
     assert np.array_equal(whole.displacement, mpm.solve(scene, start, t_end=400 * dt).state.displacement)
     half = mpm.solve(scene, looked, t_end=210 * dt).state

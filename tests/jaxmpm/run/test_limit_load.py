@@ -127,9 +127,9 @@ def test_the_limit_load_does_not_depend_on_the_modulus_nor_on_poissons_ratio(soi
 def test_the_share_of_pic_in_a_second_stays():
     scene, _ = mpm.slope(SLOPE, mpm.FrictionalSoil(5e3, 25.0), replace(COARSE, flip=0.98), at_rest=False)
     stiff = limit_load_scene(scene)
-    rates = [float(jnp.log(each.flip) / each.time_step) for each in (scene, stiff)]
+    rates = [float(jnp.log(each.numerics.flip) / each.numerics.time_step) for each in (scene, stiff)]
     assert rates[0] == pytest.approx(rates[1], rel=1e-3)
-    assert float(stiff.time_step) != float(scene.time_step)
+    assert float(stiff.numerics.time_step) != float(scene.numerics.time_step)
 
 
 def test_zones_get_one_stiffness_and_soil_that_softens_keeps_its_own():

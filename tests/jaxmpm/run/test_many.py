@@ -43,8 +43,9 @@ def test_other_soil_is_the_scene_built_with_it(soil):
     ):
         assert jax.tree.all(jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-7), ours, theirs))
     # The scene's own, or shorter than the speed of particles in it asks for, by less than that speed's share.
-    assert float(varied.time_step) <= float(scene.time_step)
-    assert 0.8 < float(varied.time_step) / min(float(other.time_step), float(scene.time_step)) < 1 + 1e-9
+    assert float(varied.numerics.time_step) <= float(scene.numerics.time_step)
+    alone = min(float(other.numerics.time_step), float(scene.numerics.time_step))
+    assert 0.8 < float(varied.numerics.time_step) / alone < 1 + 1e-9
 
 
 def test_a_state_without_stress_stays_without_and_a_displaced_one_is_refused():
@@ -72,7 +73,9 @@ def test_samples_of_any_soil_are_the_runs_of_their_own_scenes_in_any_company():
         own, start = mpm.with_soil(scene, state, **{name: values[number - 10] for name, values in VALUES.items()})
         alone = mpm.advance(own, start, np.asarray(result.state.step))
         np.testing.assert_allclose(result.state.displacement, alone.displacement, rtol=1e-4, atol=1e-7)
-    xla = jax.jit(mpm.advance)(replace(own, engine=mpm.Engine.XLA), start, np.asarray(result.state.step))
+    xla = jax.jit(mpm.advance)(
+        replace(own, numerics=replace(own.numerics, engine=mpm.Engine.XLA)), start, np.asarray(result.state.step)
+    )
     np.testing.assert_allclose(xla.displacement, alone.displacement, rtol=1e-4, atol=1e-6)
     assert len({float(result.time_step) for result in apart.values()}) == 4
 

@@ -18,7 +18,7 @@ CLAY = mpm.Soil(young=1e7, strength=14e3, softening_modulus=60e3, tension_cutoff
 
 def slide(reduction=1.3, engine=None, **choices):
     scene, state = mpm.slope(SLOPE, CLAY, mpm.Discretisation(1.0, (0.5, 0.5), **choices))
-    return replace(mpm.reduced(scene, reduction), engine=engine), state
+    return mpm.reduced(replace(scene, numerics=replace(scene.numerics, engine=engine)), reduction), state
 
 
 def scaled(scene, state, steps, objective, memory=1e9):
@@ -52,7 +52,7 @@ def test_replay_is_the_run_that_was_whatever_the_checkpoints(memory_in_states):
 @pytest.mark.usefixtures("x64")
 def test_observations_are_the_snapshots_of_the_run():
     scene, state = slide()
-    dt = float(scene.time_step)
+    dt = float(scene.numerics.time_step)
     result = mpm.solve(scene, state, t_end=60 * dt, snapshots=[20 * dt, 40 * dt, 60 * dt])
     _, seen = mpm.replay(scene, state, 60, observe=mpm.diagnostics.largest_displacement, every=20)
     expected = [float(mpm.diagnostics.largest_displacement(s)) for s in result.snapshots]
@@ -65,7 +65,7 @@ def test_reverse_over_a_thousand_elastic_steps_against_central_differences(engin
     scene, state = mpm.bar(
         20.0, mpm.Soil(unit_weight=9.81e3, young=1e6, poisson=0.0), mpm.Discretisation(1.0, (0.5,)), velocity=0.1
     )
-    scene = replace(scene, engine=engine)
+    scene = replace(scene, numerics=replace(scene.numerics, engine=engine))
 
     def tip(stiffer):
         material = replace(scene.material, bulk=scene.material.bulk * stiffer, shear=scene.material.shear * stiffer)
@@ -166,7 +166,7 @@ def test_soil_that_leaves_the_grid_and_comes_back_has_broken_off():
     scene, state = mpm.block((1.0, 1.0), mpm.Soil(strength=1e4, young=1e6), numerics, gravity=(0.0, -9.81), **thrown)
     result = mpm.solve(scene, state, t_end=1.5)
     assert result.status == mpm.Status.OUTSIDE_GRID
-    back = round(1.45 / float(scene.time_step))
+    back = round(1.45 / float(scene.numerics.time_step))
     final, _ = mpm.replay(scene, state, back)
     assert final.status == mpm.Status.OUTSIDE_GRID
     assert mpm.replay(scene, state, int(result.state.step) - 1)[0].status == mpm.Status.RUNNING

@@ -62,7 +62,7 @@ def test_initial_stress_is_where_damped_gravity_loading_ends():
     scene, state = mpm.slope(SMALL, stiff, mpm.Discretisation(1.0, (0.5, 0.5)))
     start = jnp.zeros_like(state.stress)
     direct, residual = elastic_equilibrium(scene, start)
-    damped = replace(scene, damping=jnp.asarray(150.0))
+    damped = replace(scene, numerics=replace(scene.numerics, damping=jnp.asarray(150.0)))
     dynamic = mpm.solve(damped, replace(mpm.unstressed(scene), stress=start), t_end=1.0)
     assert float(residual) < 2e-5
     assert float(diagnostics.unbalanced_force(scene, dynamic.state)) < 1e-3
@@ -76,7 +76,11 @@ def test_settled_slope_stays_within_a_millimetre_for_twenty_seconds(precise):
         scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
         scene = mpm.reduced(scene, 0.5)
         # Even at twice its strength the crest yields at depth, where elastic stress exceeds it: let that end first.
-        quiet = mpm.solve(replace(scene, damping=jnp.asarray(10.0, state.stress.dtype)), state, t_end=4.0).state
+        quiet = mpm.solve(
+            replace(scene, numerics=replace(scene.numerics, damping=jnp.asarray(10.0, state.stress.dtype))),
+            state,
+            t_end=4.0,
+        ).state
         settled = replace(
             mpm.unstressed(scene), stress=quiet.stress, history=quiet.history, volume_ratio=quiet.volume_ratio
         )
@@ -95,7 +99,7 @@ def test_settled_lanes_end_early_and_sliding_ones_do_not():
 def test_snapshots_are_of_the_times_asked_for():
     scene, state = mpm.slope(SMALL, PAPER_SOIL, mpm.Discretisation(1.0, (0.5, 0.5)))
     result = mpm.solve(scene, state, t_end=0.2, snapshots=(0.0, 0.1, 0.2))
-    dt = float(scene.time_step)
+    dt = float(scene.numerics.time_step)
     assert [abs(int(s.step) * dt - t) <= dt for s, t in zip(result.snapshots, result.times, strict=True)] == [True] * 3
     assert np.array_equal(result.snapshots[2].displacement, result.state.displacement)
     # Times within a step have a snapshot each.

@@ -24,8 +24,8 @@ def section(soil=SOIL, at_rest=False, **numerics):
 
 def program(scene, state):
     """The step as traced, with the transfers spelt out."""
-    scene = replace(scene, engine=mpm.Engine.XLA)
-    return jax.jit(mpm.step).lower(scene, state, scene.time_step).as_text()
+    scene = replace(scene, numerics=replace(scene.numerics, engine=mpm.Engine.XLA))
+    return jax.jit(mpm.step).lower(scene, state, scene.numerics.time_step).as_text()
 
 
 def count(text, operation):
@@ -80,7 +80,7 @@ def test_homogeneous_strength_and_softening_are_numbers():
 @pytest.mark.parametrize(("name", "value"), [("damping", 0.5), ("flip", 0.9), ("pic_damping", 0.5)])
 def test_damping_and_pic_are_absent_unless_asked_for(name, value):
     plain, asked = section(), section(**{name: value})
-    assert getattr(plain[0], name) is None
+    assert getattr(plain[0].numerics, name) is None
     assert len(program(*plain)) < len(program(*asked))
 
 
@@ -94,15 +94,15 @@ def scatters(scene, state):
 def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, times, leaves):
     # MUSL maps twice, F-bar the strain and the mean stress; averaged plastic strain goes with what is mapped anyway.
     plain, asked = section(), section(**choice)
-    assert (plain[0].nonlocal_passes, plain[1].unaveraged) == (None, None)
-    assert not plain[0].fbar
+    assert (plain[0].numerics.nonlocal_passes, plain[1].unaveraged) == (None, None)
+    assert not plain[0].numerics.fbar
     assert scatters(*asked) == times * scatters(*plain)
     assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain)) + leaves
 
 
 def test_xpic_maps_nothing_unless_asked_for():
     pic, xpic = section(flip=0.0), section(flip=0.0, xpic=3)
-    assert pic[0].xpic == 1
+    assert pic[0].numerics.xpic == 1
     assert scatters(*xpic) == scatters(*pic) * 2  # MUSL maps twice, and each order above 1 once more
     assert len(jax.tree.leaves(pic)) == len(jax.tree.leaves(xpic))
 
@@ -157,7 +157,7 @@ def test_water_is_absent_from_arguments_and_program_unless_given():
 
 def test_finite_strains_leave_no_operation_and_no_array_behind():
     plain, asked = section(FORGETS), section(FORGETS, finite_strain=True)
-    assert not plain[0].finite_strain
+    assert not plain[0].numerics.finite_strain
     assert len(jax.tree.leaves(asked)) == len(jax.tree.leaves(plain))
     for operation in ("log_plus_one", "exponential_minus_one", "exponential"):
         assert count(program(*plain), operation) == 0
@@ -169,7 +169,7 @@ def stress_update(scene, state):
 
     def updated(scene, state, gradient):
         maps = equations.Maps(scene, equations.grid_position(scene, state))
-        return equations.update_stress(scene, state, gradient, scene.time_step, maps)
+        return equations.update_stress(scene, state, gradient, scene.numerics.time_step, maps)
 
     gradient = jnp.zeros((scene.grid.dimension,) * 2 + scene.particles.mass.shape)
     return jax.jit(updated).lower(scene, state, gradient).compile()
@@ -276,7 +276,8 @@ def test_columns_leave_nothing_in_state_or_program_unless_asked_for():
     assert len(jax.tree.leaves(looked)) == len(jax.tree.leaves(state)) + 3
 
     def run(state):
-        return jax.jit(lambda s: mpm.advance(replace(scene, engine=mpm.Engine.XLA), s, jnp.asarray(4))).lower(state)
+        on_xla = replace(scene, numerics=replace(scene.numerics, engine=mpm.Engine.XLA))
+        return jax.jit(lambda s: mpm.advance(on_xla, s, jnp.asarray(4))).lower(state)
 
     plain, asked = run(state).as_text(), run(looked).as_text()
     assert plain.count('"stablehlo.case"(') == 0

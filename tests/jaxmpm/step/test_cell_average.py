@@ -111,12 +111,12 @@ def test_the_kernel_refuses_what_it_cannot_do(changed, message):
 
 def test_a_discretisation_has_it_by_default_for_soil_with_friction_only():
     def averages(soil, **choices):
-        return mpm.slope(SHAPE, soil, replace(NUMERICS, **choices), at_rest=False)[0].cell_average
+        return mpm.slope(SHAPE, soil, replace(NUMERICS, **choices), at_rest=False)[0].numerics.cell_average
 
     assert averages(SAND)
     assert not averages(SAND, cell_average=False)
     assert not averages(mpm.Soil(strength=2e4))
-    assert not mpm.column(4.0, SAND, mpm.Discretisation(1.0, (0.5,)), at_rest=False)[0].cell_average
+    assert not mpm.column(4.0, SAND, mpm.Discretisation(1.0, (0.5,)), at_rest=False)[0].numerics.cell_average
     with pytest.raises(ValueError, match="fbar = True with cell_average = True"):
         mpm.slope(SHAPE, mpm.Soil(strength=2e4), replace(NUMERICS, fbar=True, cell_average=True))
 
@@ -216,7 +216,8 @@ def test_a_gap_belongs_to_its_cell():
     assert np.allclose(after, within_cells(scene.grid, maps.position, opened, volume), rtol=1e-5)
     assert float(jnp.max(jnp.abs(after - opened))) > 0.005
     assert np.isclose(jnp.sum(volume * after), jnp.sum(volume * opened), rtol=1e-5)
-    local = update_stress(replace(scene, gap_average=False), loose, still, jnp.asarray(1e-4, jnp.float32), maps).gap
+    apart = replace(scene, numerics=replace(scene.numerics, gap_average=False))
+    local = update_stress(apart, loose, still, jnp.asarray(1e-4, jnp.float32), maps).gap
     assert np.array_equal(local, opened)
 
 
@@ -224,7 +225,7 @@ def test_the_gap_of_clay_is_its_own():
     # Averaged it takes energy: 2.7 % of what gravity gives in a collapse of clay, 0.4 % without.
     opening = [replace(layer, soil=replace(layer.soil, tension_cutoff=0.0)) for layer in UNDER_FILL]
     scene, state = clay_bank(*opening)
-    assert not clay_bank(mpm.Layer(CLAY))[0].gap_average
+    assert not clay_bank(mpm.Layer(CLAY))[0].numerics.gap_average
     rng = np.random.default_rng(5)
     opened = jnp.asarray(rng.uniform(0, 0.02, scene.particles.mass.size), jnp.float32)
     loose = replace(state, stress=jnp.zeros_like(state.stress), gap=opened)

@@ -111,7 +111,7 @@ def built(choice):
     if choice["ends"] == "tied":
         planes = tuple(wall.index for wall in scene.walls if wall.axis == 0)
         scene = replace(scene, walls=tuple(wall for wall in scene.walls if wall.axis != 0), tied=planes)
-    return replace(scene, engine=choice["engine"]), state
+    return replace(scene, numerics=replace(scene.numerics, engine=choice["engine"])), state
 
 
 def name(choice):

@@ -30,7 +30,7 @@ def test_what_the_grid_does_not_resolve_decays_at_the_rate_whatever_the_time_ste
     steps = round(5.0 / cfl)
     final = mpm.advance(scene, state, steps)
     middle = slice(40, 80)
-    expected = float(jnp.exp(-RATE * steps * scene.time_step)) * np.asarray(state.velocity)[0, middle]
+    expected = float(jnp.exp(-RATE * steps * scene.numerics.time_step)) * np.asarray(state.velocity)[0, middle]
     assert 0.2 < expected[0] / 0.1 < 0.8
     np.testing.assert_allclose(np.asarray(final.velocity)[0, middle], expected, rtol=1e-4)
 
@@ -65,7 +65,9 @@ def test_lanes_with_rates_of_their_own_move_as_single_runs():
 
     @jax.jit
     def after(rate):
-        return mpm.step(replace(scene, pic_damping=rate), state, scene.time_step).velocity
+        return mpm.step(
+            replace(scene, numerics=replace(scene.numerics, pic_damping=rate)), state, scene.numerics.time_step
+        ).velocity
 
     np.testing.assert_array_equal(jax.vmap(after)(rates), jnp.stack([after(rate) for rate in rates]))
 

@@ -28,7 +28,7 @@ def bar_error(cells, periods=1.0, **choices):
     result = mpm.solve(scene, state, t_end=times[-1], snapshots=times).raise_if_failed()
     start = float(diagnostics.momentum(scene, state)[0])
     momentum = np.array([float(diagnostics.momentum(scene, s)[0]) for s in result.snapshots])
-    dt = float(scene.time_step)
+    dt = float(scene.numerics.time_step)
     exact_times = np.array([int(s.step) * dt for s in result.snapshots])
     energy = [
         float(diagnostics.kinetic_energy(scene, s) + diagnostics.elastic_energy(scene, s)) for s in result.snapshots
@@ -54,7 +54,7 @@ def test_free_block_keeps_its_momentum_and_moves_as_one(scheme):
     )
     steps = 50
     result = mpm.advance(scene, state, jnp.asarray(steps))
-    time = steps * float(scene.time_step)
+    time = steps * float(scene.numerics.time_step)
     expected = diagnostics.momentum(scene, state) + jnp.sum(scene.particles.mass) * scene.gravity * time
     assert np.allclose(diagnostics.momentum(scene, result), expected, rtol=5e-6)
     assert np.allclose(result.velocity - result.velocity[:, :1], 0, atol=2e-4)
@@ -149,7 +149,7 @@ def test_leaving_the_grid_is_a_status():
     result = mpm.solve(scene, state, t_end=2.0)
     assert result.status == mpm.Status.OUTSIDE_GRID
     # The block's front, at 2 m, reaches the last node but one (3.5 m less one and a half cells) after 0.2 s.
-    assert 0.1 < int(result.state.step) * float(scene.time_step) < 0.35
+    assert 0.1 < int(result.state.step) * float(scene.numerics.time_step) < 0.35
     with pytest.raises(FloatingPointError, match="left the grid"):
         result.raise_if_failed()
 
@@ -185,7 +185,7 @@ def test_linear_kernel_equals_a_hand_computed_pair_of_nodes():
     )
     from jaxmpm.transfer import p2g
 
-    nodal = p2g(scene.grid, scene.kernel, scene.particles.position, scene.particles.mass[None], None)[:, 0]
+    nodal = p2g(scene.grid, scene.numerics.kernel, scene.particles.position, scene.particles.mass[None], None)[:, 0]
     # One particle at 1.25 m, nodes at -1, 0, 1 ... m.
     mass = float(scene.particles.mass[0])
     assert np.allclose(nodal[1:5], [0, 0.75 * mass, 0.25 * mass, 0])

@@ -37,7 +37,7 @@ def wave(number):
 @pytest.mark.parametrize("xpic", [1, 2, 5])
 def test_what_the_grid_does_not_resolve_is_gone_after_a_step(xpic, scheme):
     scene, state = bar(xpic, alternating, scheme=scheme)
-    after = np.asarray(mpm.step(scene, state, scene.time_step).velocity)[0]
+    after = np.asarray(mpm.step(scene, state, scene.numerics.time_step).velocity)[0]
     assert abs(after[40:80]).max() < 1e-6
 
 
@@ -48,7 +48,7 @@ def test_it_takes_away_what_transfers_to_the_grid_and_back_leave_out(xpic):
     left = state
     for _ in range(xpic):
         left = replace(left, velocity=left.velocity - diagnostics.grid_velocity(scene, left))
-    after = mpm.step(scene, state, scene.time_step).velocity
+    after = mpm.step(scene, state, scene.numerics.time_step).velocity
     np.testing.assert_allclose(np.asarray(state.velocity - after), np.asarray(left.velocity), atol=1e-7)
 
 
@@ -56,7 +56,7 @@ def test_higher_orders_keep_more_of_what_the_grid_resolves_in_part():
     lost = []
     for xpic in (1, 2, 5):
         scene, state = bar(xpic, wave)
-        change = mpm.step(scene, state, scene.time_step).velocity - state.velocity
+        change = mpm.step(scene, state, scene.numerics.time_step).velocity - state.velocity
         lost.append(float(jnp.linalg.norm(change[0, 40:80])))
     assert lost[1] < lost[0] / 2
     assert lost[2] < lost[1]
@@ -66,7 +66,7 @@ def test_order_one_is_pic():
     """The interpolated velocity of the grid, a second way to the same number."""
     scene, state = bar(1, wave)
     expected = diagnostics.grid_velocity(scene, state)
-    after = mpm.step(scene, state, scene.time_step).velocity
+    after = mpm.step(scene, state, scene.numerics.time_step).velocity
     np.testing.assert_allclose(np.asarray(after), np.asarray(expected), atol=1e-8)
 
 
@@ -84,7 +84,7 @@ def test_lanes_move_as_single_runs():
 
     @jax.jit
     def after(scale):
-        return mpm.step(scene, replace(state, velocity=scale * state.velocity), scene.time_step).velocity
+        return mpm.step(scene, replace(state, velocity=scale * state.velocity), scene.numerics.time_step).velocity
 
     np.testing.assert_array_equal(jax.vmap(after)(scales), jnp.stack([after(scale) for scale in scales]))
 
@@ -95,7 +95,7 @@ def test_gradients_are_those_of_differences():
     def energy(scale):
         moving = replace(state, velocity=scale * state.velocity)
         for _ in range(4):
-            moving = mpm.step(scene, moving, scene.time_step)
+            moving = mpm.step(scene, moving, scene.numerics.time_step)
         return diagnostics.kinetic_energy(scene, moving)
 
     slope = jax.grad(energy)(1.0)

@@ -32,7 +32,7 @@ def lag_and_loss(cells, *, particles=2, **choices):
 
     def phase(s):
         turned = np.arctan2(OMEGA * float(mode @ s.displacement[0]), float(mode @ s.velocity[0]))
-        return turned - OMEGA * int(s.step) * float(scene.time_step)
+        return turned - OMEGA * int(s.step) * float(scene.numerics.time_step)
 
     late = phase(snapshots[SAMPLES - 1]) - phase(snapshots[-1])
     energy = [float(diagnostics.kinetic_energy(scene, s) + diagnostics.elastic_energy(scene, s)) for s in snapshots]

@@ -77,7 +77,7 @@ def test_sudden_weight_swings_about_the_settlement_in_the_period_of_the_column(s
         times = np.linspace(0, 2 * np.pi / OMEGA, 65)[1:]
         snapshots = mpm.solve(scene, state, t_end=times[-1], snapshots=times).raise_if_failed().snapshots
         # Velocity is advanced first, so that positions of step n are those of half a step later.
-        reached = (np.array([int(s.step) for s in snapshots]) + 0.5) * float(scene.time_step)
+        reached = (np.array([int(s.step) for s in snapshots]) + 0.5) * float(scene.numerics.time_step)
         mean = np.array([float(jnp.mean(s.displacement[0])) for s in snapshots])
         # The mean follows from the momentum: free fall less the force at the base, a triangle wave in time.
         odd = np.arange(1, 400, 2)[:, None]

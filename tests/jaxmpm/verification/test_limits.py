@@ -72,7 +72,7 @@ def test_average_over_neighbours_keeps_a_constant_and_widens_a_spike_to_its_leng
     x = scene.particles.position
 
     def average(values):
-        return np.asarray(Maps(scene, x).average(values, scene.nonlocal_passes))
+        return np.asarray(Maps(scene, x).average(values, scene.numerics.nonlocal_passes))
 
     assert np.allclose(average(jnp.ones_like(x[0])), 1, atol=1e-5)
     spike = average(jnp.zeros_like(x[0]).at[80].set(1.0))
@@ -91,7 +91,7 @@ def test_the_next_step_adds_the_average_of_the_plastic_strain(scheme, x64):
     scene, state = mpm.slope(CUT, soil, numerics)
     before = mpm.advance(scene, state, 30)
     after = mpm.advance(scene, before, 1)
-    average = Maps(scene, grid_position(scene, before)).average(before.unaveraged, scene.nonlocal_passes)
+    average = Maps(scene, grid_position(scene, before)).average(before.unaveraged, scene.numerics.nonlocal_passes)
     assert float(jnp.max(average)) > 1e-5
     assert np.allclose(after.history, before.history + average, rtol=1e-12, atol=1e-15)
     with pytest.raises(ValueError, match="averages the change of the history"):

@@ -164,7 +164,9 @@ def test_damped_steps_end_at_the_same_deflection(x64, cure):
     scene, state = membrane(4.0, 0.499, cure)
     direct = deflection(scene, state)
     # Near the critical rate of the first mode, of some 8 s.
-    result = mpm.solve(replace(scene, damping=jnp.asarray(1.6)), state, t_end=20.0).raise_if_failed()
+    result = mpm.solve(
+        replace(scene, numerics=replace(scene.numerics, damping=jnp.asarray(1.6))), state, t_end=20.0
+    ).raise_if_failed()
     weight = scene.particles.mass * (scene.particles.position[0] > LENGTH - STRIP)
     stepped = float(jnp.sum(weight * result.state.displacement[1]) / jnp.sum(weight))
     assert abs(stepped / direct - 1) < 1e-4
@@ -175,8 +177,8 @@ def test_damped_steps_end_at_the_same_deflection(x64, cure):
 def test_slope_with_a_cure_starts_in_balance(x64, poisson, cure):
     soil = mpm.Soil(poisson=poisson)
     scene, state = mpm.slope(mpm.Slope(), soil, mpm.Discretisation(1.0, (0.5, 0.5), **CURES[cure]))
-    after = mpm.step(scene, state, scene.time_step)
-    acceleration = jnp.linalg.norm(after.velocity, axis=0) / scene.time_step
+    after = mpm.step(scene, state, scene.numerics.time_step)
+    acceleration = jnp.linalg.norm(after.velocity, axis=0) / scene.numerics.time_step
     assert float(jnp.max(acceleration)) < 1e-3 * 9.81
     assert float(unbalanced_force(scene, state)) < 1e-4
     assert float(mpm.diagnostics.unbalanced_force(scene, state)) < 1e-4
@@ -219,7 +221,7 @@ def notched_loads(cell, poisson, cure):
         times = np.linspace(0.0, 0.96, 11)
         run = mpm.solve(scene, state, t_end=times[-1], snapshots=times).raise_if_failed()
         momentum = [float(jnp.sum(scene.particles.mass * grip * s.velocity[1])) for s in run.snapshots]
-        elapsed = np.diff([int(s.step) for s in run.snapshots]) * float(scene.time_step)
+        elapsed = np.diff([int(s.step) for s in run.snapshots]) * float(scene.numerics.time_step)
         return -np.diff(momentum) / elapsed / (STRENGTH * LIGAMENT)
 
 

@@ -122,7 +122,7 @@ def test_stretching_block_has_the_stress_of_the_logarithmic_strain_and_no_crossi
     state = replace(state, velocity=rate * (scene.particles.position - 4.0))
     final = mpm.solve(scene, state, t_end=0.1).raise_if_failed().state
     inner = jnp.abs(scene.particles.position[0] - 4.0) < 0.3  # not yet reached by the wave from the free ends
-    time = int(final.step) * float(scene.time_step)
+    time = int(final.step) * float(scene.numerics.time_step)
     assert np.allclose(final.stress[0][inner], 1e3 * np.log(1 + rate * time), rtol=2e-3)
 
 
@@ -186,7 +186,7 @@ def test_block_slides_on_a_plane_as_coulomb_says(scheme):
     weight = 2000.0 * gravity[1] * (height - scene.particles.position[1])
     state = replace(state, stress=state.stress.at[2].set(weight))
     final = mpm.solve(scene, state, t_end=2.0).raise_if_failed().state
-    time = int(final.step) * float(scene.time_step)
+    time = int(final.step) * float(scene.numerics.time_step)
     expected = 9.81 * (np.sin(slope) - np.cos(slope) * np.tan(friction)) * time**2 / 2
     assert abs(float(jnp.mean(final.displacement[0])) / expected - 1) < 1e-3
 
@@ -248,7 +248,7 @@ def test_derivative_of_a_sliding_blocks_displacement_by_its_friction_is_that_of_
         return jnp.mean(final.displacement[0])
 
     scene, _ = block(0.5, 1e9, tilt=tilt)
-    exact = -GRAVITY * np.cos(tilt) * (steps * float(scene.time_step)) ** 2 / 2
+    exact = -GRAVITY * np.cos(tilt) * (steps * float(scene.numerics.time_step)) ** 2 / 2
     _, derivative = jax.jvp(displacement, (jnp.asarray(0.3),), (jnp.asarray(1.0),))
     assert abs(float(derivative) / exact - 1) < 0.02
 

@@ -104,6 +104,6 @@ def test_without_bound_on_viscosity_soil_stays_elastic_at_the_same_time_step(x64
     stiff, elastic = (
         down_a_plane(replace(CLAY, **given), 0.2, at_rest=False) for given in ({"viscosity": 1e15}, {"strength": None})
     )
-    assert float(stiff[0].time_step) == float(elastic[0].time_step)
+    assert float(stiff[0].numerics.time_step) == float(elastic[0].numerics.time_step)
     assert np.abs(elastic[2]).max() > 0.05
     np.testing.assert_allclose(stiff[2], elastic[2], atol=1e-6)
