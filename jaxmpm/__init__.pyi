@@ -37,7 +37,6 @@ from .run import (
     with_columns,
 )
 from .setup import (
-    Boundary,
     Discretisation,
     Loads,
     at_rest,
@@ -56,7 +55,7 @@ from .setup import (
 from .soil import AnisotropicSoil, CamClaySoil, FrictionalSoil, GranularSoil, Interface, PlasticStrain, Soil
 from .support.pytrees import pytree
 from .transfer import GIMP, Linear, QuadraticBSpline
-from .types import Engine, Numerics, Scene, Scheme, State, Status
+from .types import Boundary, Engine, Numerics, Scene, Scheme, State, Status
 
 __version__: str
 __all__ = [

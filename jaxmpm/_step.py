@@ -157,7 +157,7 @@ def mapped_again(scene: Scene, state: State, nodal: Nodal, motion: GridMotion, m
     """Velocity (nodes, d) m/s from the particles' new momentum and the nodal masses before."""
     moving = maps.momentum(maps.to_all_nodes(momentum(scene, state, maps.position), None))
     velocity = nodal_velocity(nodal._replace(momentum=moving))
-    if scene.wall_friction is None:
+    if scene.boundary.friction is None:
         return velocity
     return along_walls(scene, velocity, motion.velocity)
 
@@ -168,7 +168,7 @@ def straining_velocity(scene: Scene, state: State, nodal: Nodal, dt: Array, maps
     It is that of the nodes; at walls with friction it is that to which the current stress would move them.
     """
     velocity = nodal_velocity(nodal)
-    if scene.wall_friction is None:
+    if scene.boundary.friction is None:
         return velocity
     motion = move_grid(scene, pushed(scene, state, nodal, maps), state.step * dt, dt)
     return along_walls(scene, velocity, motion.velocity)

@@ -33,9 +33,9 @@ def one_with(scene: Scene) -> list[tuple[int, int]]:
     if scene.free_field is not None:
         low, high = scene.free_field.planes
         return [(low - 1, low), (high + 1, high)]
-    if scene.tied is None:
+    if scene.boundary.tied is None:
         return []
-    low, high = scene.tied
+    low, high = scene.boundary.tied
     return [(node, low + (node - low) % (high - low)) for node in (low - 1, high, high + 1)]
 
 
@@ -103,9 +103,9 @@ def hold(scene: Scene, nodal: Array, value: float = 0.0) -> Array:
     Returns:
         (nodes, d).
     """
-    walls, grid = scene.walls, scene.grid
-    if scene.cut is not None:
-        nodal = jnp.where(scene.cut[:, None], value, nodal)
+    walls, cut, grid = scene.boundary.walls, scene.boundary.cut, scene.grid
+    if cut is not None:
+        nodal = jnp.where(cut[:, None], value, nodal)
     if all(wall.hold == "friction" for wall in walls):
         return nodal
     shape = (*grid.shape, grid.dimension)
@@ -130,7 +130,7 @@ def slide(scene: Scene, velocity: Array, braked: Callable[[Region | None, Array]
     Source: Coulomb's law for impulses, as in Bardenhagen et al. (2000), doi:10.1016/S0045-7825(99)00338-2, Section 3.
 
     Args:
-        scene: with wall_friction.
+        scene: with walls with friction or a base.
         velocity: (nodes, d) m/s.
         braked: function of a region of the nodes, None for all as (nodes,), and of the velocities m/s into walls there;
             it gives the largest change along them m/s.
@@ -143,9 +143,8 @@ def slide(scene: Scene, velocity: Array, braked: Callable[[Region | None, Array]
         field = velocity.reshape(shape)
         slid = _slid(field[region], normal, partial(braked, region))
         velocity = field.at[region].set(slid).reshape(velocity.shape)
-    if scene.base is None:
-        return velocity
-    return hold(scene, _slid(velocity, scene.base.normal, partial(braked, None)))
+    base = scene.boundary.base
+    return velocity if base is None else hold(scene, _slid(velocity, base.normal, partial(braked, None)))
 
 
 def _slid(velocity: Array, normal: Array, braked: Callable[[Array], Array]) -> Array:
@@ -175,9 +174,8 @@ def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
     field = after.reshape(*scene.grid.shape, -1)
     for region, _ in _walls(scene):
         velocity = velocity.reshape(field.shape).at[region].set(field[region]).reshape(after.shape)
-    if scene.base is None:
-        return velocity
-    return jnp.where(jnp.any(scene.base.normal != 0, axis=1)[:, None], after, velocity)
+    base = scene.boundary.base
+    return velocity if base is None else jnp.where(jnp.any(base.normal != 0, axis=1)[:, None], after, velocity)
 
 
 def on_contact(scene: Scene) -> np.ndarray:
@@ -192,15 +190,15 @@ def on_contact(scene: Scene) -> np.ndarray:
     field = np.zeros(scene.grid.shape, bool)
     for region, _ in _walls(scene):
         field[region] = True
-    if scene.base is not None:
-        field |= np.asarray(scene.base.normal).any(axis=1).reshape(scene.grid.shape)
+    if scene.boundary.base is not None:
+        field |= np.asarray(scene.boundary.base.normal).any(axis=1).reshape(scene.grid.shape)
     return field.ravel()
 
 
 def _walls(scene: Scene) -> Iterator[tuple[Region, Array]]:
     """Nodes on walls with friction or beyond them, and unit normals (d,) there."""
     axes = jnp.eye(scene.grid.dimension, dtype=scene.gravity.dtype)
-    for wall in scene.walls:
+    for wall in scene.boundary.walls:
         if wall.hold == "friction":
             low = wall.side == "low"
             own = slice(wall.index + 1) if low else slice(wall.index, None)

@@ -7,9 +7,9 @@ Axes are x in 1D, (x, z) in 2D plane strain and (x, y, z) in 3D. Absent physics 
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 from jax import Array
 
@@ -101,6 +101,46 @@ class Numerics:
     }
 
 
+Numbers: TypeAlias = Any
+"""An array in a scene; where a user gives it to `jaxmpm.scene`, anything that JAX makes an array of."""
+
+
+@pytree
+@dataclass(frozen=True)
+class Boundary:
+    """What constrains the nodes of a grid.
+
+    Args:
+        walls: planes that constrain nodes; static.
+        friction: coefficient of walls with friction and of the base, a number or (nodes,); None for none.
+        cohesion: of those (Pa), likewise.
+        pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
+        tied: numbers of two planes of nodes along x that are identified: particles and waves that leave at one enter at
+            the other; None for none; static.
+        cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None if walls are all.
+        base: rigid ground of any shape, on which soil slides with the friction, cohesion and water pressure of walls;
+            None if walls are all.
+        softening: (2,) share of that friction and cohesion which slip leaves, and the slip (m) over which they fall to
+            it; None for none.
+    """
+
+    walls: Sequence[Wall] = static(default=())
+    friction: Numbers | None = None
+    cohesion: Numbers | None = None
+    pressure: Numbers | None = None
+    tied: tuple[int, int] | None = static(default=None)
+    cut: Numbers | None = None
+    base: RigidBase | None = None
+    softening: Numbers | None = None
+
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "friction": from_zero(),
+        "cohesion": from_zero("Pa"),
+        "pressure": from_zero("Pa"),
+        "softening": from_zero(),
+    }
+
+
 @pytree
 @dataclass(frozen=True)
 class Scene:
@@ -111,23 +151,13 @@ class Scene:
         particles: initial positions, masses and volumes.
         material: constitutive law.
         numerics: numerical choices.
+        boundary: what constrains the nodes.
         gravity: (d,) m/s2.
-        walls: planes that constrain nodes; static.
         body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; static.
-        tied: numbers of two planes of nodes along x that are identified: particles and waves that leave at one enter at
-            the other; static.
-        wall_friction: () or (nodes,) friction coefficient of walls with friction and of the base.
-        wall_cohesion: () or (nodes,) cohesion of those (Pa); None for none.
-        wall_pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
-        wall_softening: (2,) share of their friction and cohesion that slip leaves, and the slip (m) over which they
-            fall to it; None for none.
         water: a `WaterTable` or `WaterSurface`; stress is then effective stress. None for none.
         pore_pressure: (N,) Pa, constant on each particle; stress is then effective stress. None without pore pressure,
             or for undrained soil in total stress.
         motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None for none.
-        cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None if walls are all.
-        base: rigid ground of any shape, on which soil slides with the friction and cohesion of the walls; None if walls
-            are all.
         free_field: level ground beyond both ends of a section without walls there; None for walls or tied sides.
         k0: () or (N,) horizontal over vertical effective stress of the initial stress, see `Loads`; None for that of
             elastic loading. No step reads it.
@@ -137,29 +167,16 @@ class Scene:
     particles: Particles
     material: Any  # a `Material` with the members of its own law, which callers vary
     numerics: Numerics
+    boundary: Boundary
     gravity: Array
-    walls: tuple[Wall, ...] = static(default=())
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
-    tied: tuple[int, int] | None = static(default=None)
-    wall_friction: Array | None = None
-    wall_cohesion: Array | None = None
-    wall_pressure: Array | None = None
-    wall_softening: Array | None = None
     water: Water | None = None
     pore_pressure: Array | None = None
     motion: Motion | None = None
-    cut: Array | None = None
-    base: RigidBase | None = None
     free_field: FreeField | None = None
     k0: Array | None = None
 
-    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
-        "wall_friction": from_zero(),
-        "wall_cohesion": from_zero("Pa"),
-        "wall_pressure": from_zero("Pa"),
-        "wall_softening": from_zero(),
-        "k0": from_zero(),
-    }
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"k0": from_zero()}
 
 
 @pytree

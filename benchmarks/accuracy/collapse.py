@@ -98,11 +98,11 @@ def collapse(
         walls="roller",
         speed=float(np.sqrt(2 * GRAVITY * height)),
     )
-    walls = tuple(replace(w, hold="friction") if (w.axis, w.side) == (1, "low") else w for w in scene.walls)
+    walls = tuple(replace(w, hold="friction") if (w.axis, w.side) == (1, "low") else w for w in scene.boundary.walls)
     vertical = -WEIGHT * (height - scene.particles.position[1])
     lateral = 0.3 / 0.7 * vertical
     stress = state.stress.at[0].set(lateral).at[1].set(lateral).at[2].set(vertical)
-    scene = replace(scene, walls=walls, wall_friction=jnp.asarray(SLIDING, stress.dtype))
+    scene = replace(scene, boundary=replace(scene.boundary, walls=walls, friction=jnp.asarray(SLIDING, stress.dtype)))
     if start:
         noise = 1e-5 * np.sqrt(GRAVITY) * np.random.default_rng(start).standard_normal(state.velocity.shape)
         state = replace(state, velocity=state.velocity + jnp.asarray(noise, stress.dtype))

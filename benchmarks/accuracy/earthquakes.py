@@ -71,9 +71,10 @@ def block(
         (2.0, 1.0), soil, numerics, domain=(length, 2.0), corner=(2.0, 0.0), gravity=pull, walls="fixed", speed=10.0
     )
     resting = mpm.at_rest(scene)
-    floor = replace(scene.walls[2], hold="friction")
+    floor = replace(scene.boundary.walls[2], hold="friction")
     coefficient = jnp.asarray(friction, state.stress.dtype)
-    return replace(scene, walls=(floor,), wall_friction=coefficient), replace(state, stress=resting.stress)
+    boundary = replace(scene.boundary, walls=(floor,), friction=coefficient)
+    return replace(scene, boundary=boundary), replace(state, stress=resting.stress)
 
 
 def newmark_row(name: str, push: Callable[[np.ndarray], np.ndarray], exact: float, *, cell: float, young: float) -> Any:

@@ -41,7 +41,8 @@ def sent_back(wave: Literal["P", "S"], ends: Literal["free field", "roller"], ce
     stress = -DENSITY * celerity * pulse
     if wave == "P":
         lids = [mpm.Wall(1, "low", 1, "roller"), mpm.Wall(1, "high", 1 + round(HEIGHTS[wave] / cell), "roller")]
-        scene = replace(scene, walls=(*(wall for wall in scene.walls if wall.axis == 0), *lids))
+        sides = (wall for wall in scene.boundary.walls if wall.axis == 0)
+        scene = replace(scene, boundary=replace(scene.boundary, walls=(*sides, *lids)))
         state = replace(state, velocity=jnp.stack([pulse, none]), stress=jnp.stack([stress, none, none, none]))
     else:
         state = replace(state, velocity=jnp.stack([none, pulse]), stress=jnp.stack([none, none, none, stress]))

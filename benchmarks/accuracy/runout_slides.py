@@ -137,8 +137,8 @@ def half_slope(cell: float) -> Slide:
     campaign = on_cells("slope", cell, {"slope": {"width": 48.0}})
     assert campaign.soil is not None
     scene, _ = campaign.site.built(campaign.soil, campaign.grids["refined"], campaign.run.gravity, at_rest=False)
-    walls = tuple(replace(w, hold="roller") if (w.axis, w.side) == (1, "high") else w for w in scene.walls)
-    scene = replace(scene, walls=walls)
+    walls = tuple(replace(w, hold="roller") if (w.axis, w.side) == (1, "high") else w for w in scene.boundary.walls)
+    scene = replace(scene, boundary=replace(scene.boundary, walls=walls))
     ended = solve(reduced(scene, 1.2), mpm.at_rest(scene), t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
     assert campaign.site.shape.face is not None
     return Slide(scene, ended.state, campaign.site.shape.face.toe_x, cell, campaign.run.failure_displacement)
@@ -177,8 +177,9 @@ def clay_dam(cell: float, *, gap_memory: bool = True, numerics: Numerics = DEFAU
         (length, height), soil, choices, domain=(6 * length, height + 2 * cell), corner=(0.0, 0.0),
         gravity=(0.0, -9.81), walls="roller", speed=float(np.sqrt(2 * 9.81 * height)),
     )  # fmt: skip
-    walls = tuple(replace(w, hold="friction") if (w.axis, w.side) == (1, "low") else w for w in scene.walls)
-    scene = replace(scene, walls=walls, wall_friction=jnp.asarray(friction, state.stress.dtype))
+    walls = tuple(replace(w, hold="friction") if (w.axis, w.side) == (1, "low") else w for w in scene.boundary.walls)
+    coefficient = jnp.asarray(friction, state.stress.dtype)
+    scene = replace(scene, boundary=replace(scene.boundary, walls=walls, friction=coefficient))
     ended = solve(scene, state, t_end=10.0, settle=Settle()).raise_if_failed()
     return Slide(scene, ended.state, length, cell, 0.5)
 

@@ -119,7 +119,8 @@ def build(campaign: Campaign, grid: str, soil: Any, **_: Any) -> Any:
     """As much of a grid's model as made-up runs need."""
     absent: Any = None
     particles, nodes = SimpleNamespace(position=np.zeros((2, PARTICLES))), SimpleNamespace(shape=(2, 2))
-    scene: Any = SimpleNamespace(particles=particles, grid=nodes, wall_friction=None, material=None)
+    smooth = SimpleNamespace(friction=None)
+    scene: Any = SimpleNamespace(particles=particles, grid=nodes, boundary=smooth, material=None)
     return runs.GridModel(grid, campaign, scene, absent, soil)
 
 

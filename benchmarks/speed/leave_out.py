@@ -107,8 +107,15 @@ def with_motion(scene: Scene, state: State) -> tuple[Scene, State]:
 
 def with_wall_friction(scene: Scene, state: State) -> tuple[Scene, State]:
     """Walls along which soil slides with friction, for those that hold it."""
-    walls = tuple(replace(wall, hold="friction") for wall in scene.walls)
-    return replace(scene, walls=walls, wall_friction=jnp.asarray(0.5, state.stress.dtype)), state
+    walls = tuple(replace(wall, hold="friction") for wall in scene.boundary.walls)
+    boundary = replace(scene.boundary, walls=walls, friction=jnp.asarray(0.5, state.stress.dtype))
+    return replace(scene, boundary=boundary), state
+
+
+def with_cut(scene: Scene, state: State) -> tuple[Scene, State]:
+    """Nothing moves at every tenth node."""
+    cut = jnp.arange(scene.grid.nodes) % 10 == 0
+    return replace(scene, boundary=replace(scene.boundary, cut=cut)), state
 
 
 def with_uneven_stiffness(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -217,10 +224,7 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
         lambda scene, state: (replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state),
         unchanged,
     ),
-    "cut of any shape": (
-        lambda scene, state: (replace(scene, cut=jnp.arange(np.prod(scene.grid.shape)) % 10 == 0), state),
-        unchanged,
-    ),
+    "cut of any shape": (with_cut, unchanged),
     "motion of the base": (with_motion, unchanged),
     "walls with friction": (with_wall_friction, unchanged),
     "largest per column (hazard maps)": (with_looks, unchanged),

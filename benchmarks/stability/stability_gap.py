@@ -61,10 +61,10 @@ def slab(
         flat = mpm.Raster(np.full((3, 3), top), (0, 0), 1.0)
         scene, state = mpm.terrain(mpm.Terrain(flat, 0.0, interface=interface), clay, numerics, speed=2 * SPEED)
         upright = scene.grid.dimension - 1
-        low, high = (wall.index for wall in scene.walls if wall.axis == 0)
-        across = [replace(each, hold="roller") for each in scene.walls if each.axis == 1]
-        floor = [each for each in scene.walls if each.axis == upright]
-        scene = replace(scene, walls=(*across, *floor), tied=(low, high))
+        low, high = (wall.index for wall in scene.boundary.walls if wall.axis == 0)
+        across = [replace(each, hold="roller") for each in scene.boundary.walls if each.axis == 1]
+        floor = [each for each in scene.boundary.walls if each.axis == upright]
+        scene = replace(scene, boundary=replace(scene.boundary, walls=(*across, *floor), tied=(low, high)))
     particles = scene.particles
     moves = particles.position[-1] > bed
     if bed:
@@ -74,10 +74,10 @@ def slab(
     scene = replace(scene, particles=replace(particles, position=particles.position.at[-1].add(up)))
     if ground.endswith("bedrock"):
         base = jax.tree.map(jnp.asarray, rigid_base(scene.grid, lambda *x: np.full(np.shape(x[0]), offset)))
-        walls = tuple(wall for wall in scene.walls if wall.axis != scene.grid.dimension - 1)
-        scene = replace(scene, walls=walls, base=base)
+        walls = tuple(wall for wall in scene.boundary.walls if wall.axis != scene.grid.dimension - 1)
+        scene = replace(scene, boundary=replace(scene.boundary, walls=walls, base=base))
         if not contact:
-            scene = replace(scene, base=None, cut=jnp.any(base.normal != 0, axis=1))
+            scene = replace(scene, boundary=replace(scene.boundary, base=None, cut=jnp.any(base.normal != 0, axis=1)))
     return scene, replace(state, velocity=state.velocity.at[0].set(jnp.where(moves, SPEED, 0.0)))
 
 

@@ -186,7 +186,7 @@ def _names(campaign: Campaign) -> list[str]:
 def _holds(model: GridModel) -> dict[tuple[int, str], str]:
     """What each upright wall holds, by axis and side."""
     upright = len(model.half_size) - 1
-    return {(wall.axis, wall.side): wall.hold for wall in model.scene.walls if wall.axis < upright}
+    return {(wall.axis, wall.side): wall.hold for wall in model.scene.boundary.walls if wall.axis < upright}
 
 
 def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:

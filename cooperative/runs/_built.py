@@ -31,6 +31,7 @@ from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import CONTACT, Campaign, built
 from jaxmpm import Scene, State
 from jaxmpm.laws import declared
+from jaxmpm.setup import WALL_STRENGTH
 from jaxmpm.support import files, hdf5
 
 KIND = "cooperative initial stress"
@@ -84,7 +85,9 @@ def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     """Raise ValueError for what varies and is no parameter of the soil."""
     known = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
     known += [RATIO] if "strength" in known else []
-    known += [name for name, of_walls in CONTACT.items() if getattr(scene, of_walls) is not None]
+    known += [
+        name for name, of_walls in CONTACT.items() if getattr(scene.boundary, WALL_STRENGTH[of_walls]) is not None
+    ]
     unknown = [name for name in random if name not in known]
     if unknown:
         raise ValueError(

@@ -185,7 +185,7 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
         bottoms=np.reshape(bottoms, (len(bottoms), *plan[0].shape)),
         walls=tuple(
             (wall.axis, float(grid.origin[wall.axis] + wall.index * grid.cell), wall.hold)
-            for wall in refined.scene.walls
+            for wall in refined.scene.boundary.walls
             if wall.axis < upright
         ),
     )

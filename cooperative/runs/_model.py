@@ -84,7 +84,7 @@ class GridModel:
         upright = len(grid.shape) - 1
         return tuple(
             (wall.axis, -1 if wall.side == "low" else 1, grid.origin[wall.axis] + wall.index * grid.cell)
-            for wall in self.scene.walls
+            for wall in self.scene.boundary.walls
             if wall.axis != upright
         )
 
@@ -94,7 +94,7 @@ class GridModel:
         grid, shape = self.scene.grid, column_shape(self.scene)
         ends = []
         for axis, count in enumerate(shape):
-            walls = {wall.side: wall.index for wall in self.scene.walls if wall.axis == axis}
+            walls = {wall.side: wall.index for wall in self.scene.boundary.walls if wall.axis == axis}
             low, high = walls.get("low", 0), walls.get("high", count)
             ends.append((grid.origin[axis] + low * grid.cell, grid.origin[axis] + high * grid.cell))
         return ColumnPlan(tuple(grid.origin[: len(shape)]), grid.cell, shape, tuple(ends))
@@ -257,7 +257,7 @@ class GridModel:
     def with_strength_factor(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
         zoned = isinstance(self.scene.material, Zoned)
-        known = "strength" in self.campaign.random and self.scene.wall_friction is None and not zoned
+        known = "strength" in self.campaign.random and self.scene.boundary.friction is None and not zoned
         scene = self.scene if known else jaxmpm.reduced(self.scene, self.strength_factor / factor)
         return replace(self, scene=scene, strength_factor=factor)
 

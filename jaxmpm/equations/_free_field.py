@@ -57,6 +57,6 @@ def beside(column: Scene, state: State, dt: Array, height: int) -> list[Array]:
     density = mass / column.particles.volume
     waves = [mass * jnp.sqrt(modulus / density) for modulus in (column.material.p_wave_modulus, column.material.shear)]
     sums = maps.to_grid(jnp.stack([stress[0], stress[-1], *waves]) / column.grid.cell, None)
-    assert column.tied is not None
-    plane = jnp.concatenate([motion.velocity, sums], axis=1).reshape(*column.grid.shape, -1)[column.tied[0]]
+    assert column.boundary.tied is not None
+    plane = jnp.concatenate([motion.velocity, sums], axis=1).reshape(*column.grid.shape, -1)[column.boundary.tied[0]]
     return jnp.split(jnp.pad(plane, ((0, height - len(plane)), (0, 0))), 3, axis=1)

@@ -59,8 +59,8 @@ def sheared(scene: Scene) -> Array | bool:
     """
     if isinstance(scene.material, Elastic):
         return False
-    kind = frictional(scene.material)
-    holds = scene.cut is not None or scene.base is not None or any(wall.hold != "roller" for wall in scene.walls)
+    kind, boundary = frictional(scene.material), scene.boundary
+    holds = boundary.cut is not None or boundary.base is not None or any(w.hold != "roller" for w in boundary.walls)
     return ~kind if holds and not isinstance(kind, bool) else holds and not kind
 
 
@@ -138,12 +138,13 @@ def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[Ground]:
         sticking: leave out ground along which soil slides. Its nodes move, and those of a wide gap have so little mass
             that forces of a whole cell would throw them off.
     """
-    for wall in scene.walls:
+    boundary = scene.boundary
+    for wall in boundary.walls:
         if wall.hold == "fixed" or (wall.hold == "friction" and not sticking):
             yield Ground(wall.axis, (wall.index, wall.index + 1), 1 if wall.side == "low" else -1)
-    held = scene.cut
-    if scene.base is not None and not sticking:
-        on_base = jnp.any(scene.base.normal != 0, axis=1)
+    held = boundary.cut
+    if boundary.base is not None and not sticking:
+        on_base = jnp.any(boundary.base.normal != 0, axis=1)
         held = on_base if held is None else held | on_base
     if held is not None:
         upright, field = scene.grid.dimension - 1, held.reshape(scene.grid.shape)

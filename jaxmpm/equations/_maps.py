@@ -104,7 +104,7 @@ class Maps(NamedTuple):
 def grid_position(scene: Scene, state: State) -> Array:
     """Positions of particles on the grid (d, N) m; tied sides wrap them round."""
     position = scene.particles.position + state.displacement
-    return position if scene.tied is None else around(scene.tied, scene.grid, position)
+    return position if scene.boundary.tied is None else around(scene.boundary.tied, scene.grid, position)
 
 
 def reciprocal(scene: Scene, mass: Array) -> Array:

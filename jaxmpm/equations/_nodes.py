@@ -82,8 +82,8 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     external = external_force(scene, maps.position, state.step * dt)
     if external is not None:
         carried.append(external)
-    if scene.wall_softening is not None:
-        carried.insert(0, (particles.mass * left_by_slip(scene.wall_softening, state.displacement))[None])
+    if scene.boundary.softening is not None:
+        carried.insert(0, (particles.mass * left_by_slip(scene.boundary.softening, state.displacement))[None])
     if bonded(scene):
         carried.insert(0, particles.volume[None])  # without the gaps of soil that has opened, which bear nothing
     shears = sheared(scene)
@@ -96,7 +96,7 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     blocks = jnp.split(nodal, ends, axis=1)
     undrained = None if isinstance(shears, bool) else maps.fold(blocks.pop(0))[:, 0]
     covering = maps.fold(blocks.pop(0))[:, 0] if bonded(scene) else None
-    left = None if scene.wall_softening is None else maps.fold(blocks.pop(0))[:, 0]
+    left = None if scene.boundary.softening is None else maps.fold(blocks.pop(0))[:, 0]
     sums, moving, *forces = blocks
     sums = maps.fold(sums)
     if undrained is not None:
@@ -181,7 +181,7 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> GridMotion:
     if nodal.beyond is not None:
         acceleration = led(scene, nodal, before, acceleration, dt)
     velocity = before + dt * acceleration
-    if scene.wall_friction is None:
+    if scene.boundary.friction is None:
         return GridMotion(velocity, acceleration)
     velocity = slide(scene, velocity, braked(scene, nodal, dt))
     return GridMotion(velocity, (velocity - before) / dt)
@@ -189,7 +189,7 @@ def move_grid(scene: Scene, nodal: Nodal, time: Array, dt: Array) -> GridMotion:
 
 def bonded(scene: Scene) -> bool:
     """Whether walls with friction need the area of soil on them."""
-    return scene.wall_cohesion is not None or scene.wall_pressure is not None
+    return scene.boundary.cohesion is not None or scene.boundary.pressure is not None
 
 
 COVERED = 0.25
@@ -209,10 +209,11 @@ def area_covered(scene: Scene, volume: Array, gap: Array | None) -> Array:
     """
     if gap is not None:
         volume = volume / (1 - gap) ** 2
-    if scene.base is None:
+    base = scene.boundary.base
+    if base is None:
         # Soil that fills the cells on a wall contributes half of their volume to its nodes.
         return 2 / scene.grid.cell * volume
-    return scene.base.area * jnp.minimum(1, volume / (COVERED * scene.base.volume))
+    return base.area * jnp.minimum(1, volume / (COVERED * base.volume))
 
 
 def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Array], Array]:
@@ -221,7 +222,7 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
     It is Coulomb friction of the contact pressure minus the water's, and cohesion, as far as slip has left them.
 
     Args:
-        scene: with wall_friction.
+        scene: with walls with friction or a base.
         nodal: values at the nodes.
         dt: time step (s).
 
@@ -229,7 +230,7 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
         Function of a region of the nodes, None for all as (nodes,), and of the velocities m/s into walls that they stop
         there in dt; it gives the largest change of those along them m/s.
     """
-    friction = scene.wall_friction
+    boundary, friction = scene.boundary, scene.boundary.friction
     assert friction is not None
 
     def at(region: Region | None, value: Array) -> Array:
@@ -243,8 +244,8 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
         return lambda region, push: left(region, at(region, friction)) * push
     rate = dt * nodal.area * reciprocal(scene, nodal.mass[:, 0])
     zero = jnp.zeros_like(rate)
-    water = zero if scene.wall_pressure is None else rate * scene.wall_pressure
-    cohesion = zero if scene.wall_cohesion is None else rate * scene.wall_cohesion
+    water = zero if boundary.pressure is None else rate * boundary.pressure
+    cohesion = zero if boundary.cohesion is None else rate * boundary.cohesion
 
     def largest(region: Region | None, push: Array) -> Array:
         borne = left(region, at(region, friction)) * jnp.maximum(push - at(region, water), 0)

@@ -12,8 +12,9 @@ import numpy as np
 
 from jaxmpm.equations import gap_of
 from jaxmpm.grid import Grid, RigidBase, Wall
-from jaxmpm.setup import PADDING, RESOLVED, Boundary
+from jaxmpm.setup import PADDING, RESOLVED
 from jaxmpm.soil import Interface
+from jaxmpm.types import Boundary
 
 Heights = Callable[..., np.ndarray]
 """Function of x or, in 3D, of x and y (m), arrays of any shape: elevations (m) of their shape."""

@@ -20,7 +20,6 @@ from jaxmpm.protocols import Material
 from jaxmpm.setup import (
     PADDING,
     ROUNDING,
-    Boundary,
     Discretisation,
     Hold,
     Loads,
@@ -38,7 +37,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.support import check
-from jaxmpm.types import Scene, State
+from jaxmpm.types import Boundary, Scene, State
 
 
 def scene_of(

@@ -54,8 +54,8 @@ def with_free_field(
     planes = (PADDING, scene.grid.shape[0] - 1 - PADDING)
     nothing = jnp.zeros((2, *scene.grid.shape[1:], scene.grid.dimension), state.stress.dtype)
     field = FreeField(left, right, nothing, planes)
-    walls = tuple(wall for wall in scene.walls if wall.axis != 0)
-    scene = replace(scene, walls=walls, free_field=field)
+    walls = tuple(wall for wall in scene.boundary.walls if wall.axis != 0)
+    scene = replace(scene, boundary=replace(scene.boundary, walls=walls), free_field=field)
     state = replace(state, free_field=(left_state, right_state))
     if not np.any(np.asarray(state.stress)):
         return scene, state

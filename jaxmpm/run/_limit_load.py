@@ -111,7 +111,7 @@ def least_failing_volume(height: float, dimension: int) -> float:
 
 def _softens(scene: Scene) -> bool:
     """Whether soil or an interface softens."""
-    return scene.material.initial_history(scene.particles) is not None or scene.wall_softening is not None
+    return scene.material.initial_history(scene.particles) is not None or scene.boundary.softening is not None
 
 
 def heights(scene: Scene) -> tuple[float, float]:

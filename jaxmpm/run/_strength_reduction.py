@@ -22,7 +22,7 @@ from jaxmpm.run._stopping import Settle, check_run, farthest
 from jaxmpm.setup import WALL_STRENGTH, check_scene
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
-from jaxmpm.types import Scene, State
+from jaxmpm.types import Boundary, Scene, State
 
 
 @dataclass(frozen=True)
@@ -222,14 +222,15 @@ def reductions(scene: Scene, factors: Array) -> tuple[Scene, Scene]:
         Scene and axes, as of `lanes`.
     """
     varied, axes = varied_lanes(scene, partial(reduce_strength, scene.material), factors)
-    walls = jax.vmap(partial(_reduced_walls, scene))(factors)
+    walls = jax.vmap(partial(_reduced_walls, scene.boundary))(factors)
     lanes_first: dict[str, Any] = dict.fromkeys(walls, 0)
-    return replace(varied, **walls), replace(axes, **lanes_first)
+    varied = replace(varied, boundary=replace(varied.boundary, **walls))
+    return varied, replace(axes, boundary=replace(axes.boundary, **lanes_first))
 
 
-def _reduced_walls(scene: Scene, factor: Array) -> dict[str, Any]:
+def _reduced_walls(boundary: Boundary, factor: Array) -> dict[str, Any]:
     """Friction and cohesion of the walls, if any, divided by a factor."""
-    strength = {name: getattr(scene, name) for name in WALL_STRENGTH}
+    strength = {name: getattr(boundary, name) for name in WALL_STRENGTH.values()}
     return {name: value / factor for name, value in strength.items() if value is not None}
 
 
@@ -252,4 +253,5 @@ def reduced(scene: Scene, factor: float) -> Scene:
     if field is not None:
         field = replace(field, low=reduced(field.low, factor), high=reduced(field.high, factor))
     weaker = reduce_strength(scene.material, by)
-    return replace(scene, material=weaker, free_field=field, **_reduced_walls(scene, by))
+    boundary = replace(scene.boundary, **_reduced_walls(scene.boundary, by))
+    return replace(scene, material=weaker, boundary=boundary, free_field=field)

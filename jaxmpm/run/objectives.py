@@ -199,7 +199,7 @@ def _breadth(scene: Scene) -> float:
     """Width along y (m) between the walls at its ends; 1 for a section, whose volumes are per metre."""
     if scene.grid.dimension < 3:
         return 1.0
-    ends = {wall.side: wall.index for wall in scene.walls if wall.axis == 1}
+    ends = {wall.side: wall.index for wall in scene.boundary.walls if wall.axis == 1}
     if ends.keys() != {"low", "high"}:
         raise ValueError("the scene has no walls at both ends of y, so no width: give a section, or walls along y")
     return (ends["high"] - ends["low"]) * scene.grid.cell

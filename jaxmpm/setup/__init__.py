@@ -24,7 +24,6 @@ __all__ = [
     "RESOLVED",
     "ROUNDING",
     "WALL_STRENGTH",
-    "Boundary",
     "Discretisation",
     "Hold",
     "Loads",

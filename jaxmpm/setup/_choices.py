@@ -14,13 +14,12 @@ from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
 from jaxmpm.protocols import Kernel, Material
 from jaxmpm.setup._law import in_total_stress_at
-from jaxmpm.setup._options import Boundary
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
 from jaxmpm.support.check import Limit
 from jaxmpm.support.text import shown
 from jaxmpm.transfer import Linear, inside, locate
-from jaxmpm.types import Engine, Scene, Scheme
+from jaxmpm.types import Boundary, Engine, Scene, Scheme
 
 
 def check_grid(grid: Grid) -> int:
@@ -88,8 +87,8 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
         check.within("softening[0], the share that slip leaves,", residual, Limit(least=0, most=1))
         check.positive("softening[1], the slip,", slip, "m")
     nodes, pressure, cut, base = (grid.nodes,), boundary.pressure, boundary.cut, boundary.base
-    for name in WALL_STRENGTH:
-        check_of_contact(name, getattr(boundary, name.removeprefix("wall_")), grid)
+    for name, part in WALL_STRENGTH.items():
+        check_of_contact(name, getattr(boundary, part), grid)
     if pressure is not None and np.shape(pressure) != nodes:
         raise ValueError(f"wall_pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")
     if cut is not None and (np.shape(cut) != nodes or np.asarray(cut).dtype != bool):
@@ -100,8 +99,8 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
             raise ValueError(f"the base has shapes {shapes}: give normals {(*nodes, grid.dimension)}, else {nodes}")
 
 
-WALL_STRENGTH = ("wall_friction", "wall_cohesion")
-"""Strength of walls with friction and of a base, as a `Scene` has it."""
+WALL_STRENGTH = {"wall_friction": "friction", "wall_cohesion": "cohesion"}
+"""Strength of walls with friction and of a base: fields of a `Boundary` by the names of `with_soil`."""
 
 
 def check_of_contact(name: str, value: ArrayLike | None, grid: Grid) -> None:

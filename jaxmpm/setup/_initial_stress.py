@@ -92,11 +92,13 @@ def elastic_equilibrium(
 
 def _sticking(scene: Scene) -> Scene:
     """The scene at rest, where soil sticks to walls with friction, and to the base."""
-    walls = tuple(replace(wall, hold="fixed") if wall.hold == "friction" else wall for wall in scene.walls)
-    if scene.base is None:
-        return replace(scene, walls=walls)
-    on_base = jnp.any(scene.base.normal != 0, axis=1)
-    return replace(scene, walls=walls, base=None, cut=on_base if scene.cut is None else scene.cut | on_base)
+    boundary = scene.boundary
+    walls = tuple(replace(wall, hold="fixed") if wall.hold == "friction" else wall for wall in boundary.walls)
+    boundary = replace(boundary, walls=walls)
+    if boundary.base is not None:
+        on_base = jnp.any(boundary.base.normal != 0, axis=1)
+        boundary = replace(boundary, base=None, cut=on_base if boundary.cut is None else boundary.cut | on_base)
+    return replace(scene, boundary=boundary)
 
 
 def _gapped(scene: Scene) -> bool:

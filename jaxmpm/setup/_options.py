@@ -1,4 +1,4 @@
-"""Options of a scene: what constrains its nodes, and what loads its particles."""
+"""Options of a scene: what loads its particles."""
 
 from __future__ import annotations
 
@@ -8,35 +8,7 @@ from dataclasses import dataclass
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmpm.grid import RigidBase, Wall
 from jaxmpm.laws import BaseMotion, WaterSurface, WaterTable
-
-
-@dataclass(frozen=True)
-class Boundary:
-    """What constrains the nodes of a grid.
-
-    Args:
-        walls: planes that constrain nodes.
-        friction: coefficient of walls with friction and of the base, a number or (nodes,).
-        cohesion: of those (Pa), likewise; None for none.
-        pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
-        tied: numbers of two planes of nodes along x that are identified; None for none.
-        cut: (nodes,) bool, nodes at which nothing moves; None if walls are all.
-        base: rigid ground of any shape, with the friction, cohesion and water pressure of walls with friction; None for
-            none.
-        softening: share of that friction and cohesion which slip leaves, and the slip (m) over which they fall to it;
-            None for none.
-    """
-
-    walls: Sequence[Wall] = ()
-    friction: ArrayLike | None = None
-    cohesion: ArrayLike | None = None
-    pressure: ArrayLike | None = None
-    tied: tuple[int, int] | None = None
-    cut: ArrayLike | None = None
-    base: RigidBase | None = None
-    softening: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import BaseMotion, frictional, remembers_gap
@@ -29,11 +30,11 @@ from jaxmpm.setup._choices import (
 from jaxmpm.setup._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.setup._law import check_scene, check_shape, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
-from jaxmpm.setup._options import Boundary, Loads
+from jaxmpm.setup._options import Loads
 from jaxmpm.support import check
 from jaxmpm.tensors import CARRIED, expand
 from jaxmpm.transfer import passes_for
-from jaxmpm.types import Engine, Numerics, Scene, State, Status
+from jaxmpm.types import Boundary, Engine, Numerics, Scene, State, Status
 
 
 def scene(
@@ -83,6 +84,10 @@ def scene(
         speed = math.sqrt(float(np.linalg.norm(g)) * (grid.shape[-1] - 1) * grid.cell)
     check.not_negative("speed", speed, "m/s")
     number = number_of(dtype)
+
+    def optional(value: ArrayLike | None) -> Array | None:
+        return None if value is None else number(value)
+
     material = checked_material(material, particles, dtype)
     if discretisation.fbar and material.FRICTIONAL:
         raise ValueError(
@@ -130,19 +135,21 @@ def scene(
         material=material,
         numerics=numerics,
         gravity=number(g),
-        walls=tuple(boundary.walls),
+        boundary=replace(
+            boundary,
+            walls=tuple(boundary.walls),
+            friction=optional(boundary.friction),
+            cohesion=optional(boundary.cohesion),
+            pressure=optional(boundary.pressure),
+            cut=None if boundary.cut is None else jnp.asarray(boundary.cut),
+            base=jax.tree.map(number, boundary.base),
+            softening=optional(boundary.softening),
+        ),
         body_force=loads.body_force,
-        wall_friction=None if boundary.friction is None else number(boundary.friction),
-        wall_cohesion=None if boundary.cohesion is None else number(boundary.cohesion),
-        wall_pressure=None if boundary.pressure is None else number(boundary.pressure),
-        wall_softening=None if boundary.softening is None else number(np.array(boundary.softening)),
         water=jax.tree.map(number, loads.water),
-        pore_pressure=None if loads.pore_pressure is None else number(loads.pore_pressure),
+        pore_pressure=optional(loads.pore_pressure),
         motion=jax.tree.map(number, loads.motion),
-        tied=boundary.tied,
-        cut=None if boundary.cut is None else jnp.asarray(boundary.cut),
-        base=jax.tree.map(number, boundary.base),
-        k0=None if loads.k0 is None else number(loads.k0),
+        k0=optional(loads.k0),
     )
     check_scene(built)
     check_weight_below_water(built)

@@ -92,10 +92,11 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
         )
     if WATER_LEVEL in names and scene.water is None:
         raise ValueError("water_level is given, and the scene has no water: build it with a level")
-    for name in WALL_STRENGTH:
-        if name in names and getattr(scene, name) is None:
-            has = name.removeprefix("wall_")
-            raise ValueError(f"{name} is given, and no wall has {has}: build the scene with an interface that has some")
+    for name, part in WALL_STRENGTH.items():
+        if name in names and getattr(scene.boundary, part) is None:
+            raise ValueError(
+                f"{name} is given, and no wall has {part}: build the scene with an interface that has some"
+            )
     for one, other in (("young", "bulk"), ("young", "shear"), ("poisson", "bulk"), ("poisson", "shear")):
         if one in names and other in names:
             raise ValueError(f"both {one} and {other} are given: give young and poisson, or bulk and shear")
@@ -157,8 +158,8 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         assert scene.water is not None
         assert hasattr(scene.water, "at_level")
         varied = replace(varied, water=scene.water.at_level(given[WATER_LEVEL]))
-    contact: dict[str, Any] = {name: given[name] for name in WALL_STRENGTH if name in given}
-    varied = replace(varied, **contact)
+    contact: dict[str, Any] = {part: given[name] for name, part in WALL_STRENGTH.items() if name in given}
+    varied = replace(varied, boundary=replace(scene.boundary, **contact))
     if not STARTING & given.keys():
         return varied, state
     numerics = scene.numerics
@@ -174,7 +175,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
 
 def _heavier(scene: Scene, varied: Scene) -> Array:
     """Weight above each particle (N,) of a scene with r_u and other weights, over that before."""
-    if scene.wall_pressure is not None:
+    if scene.boundary.pressure is not None:
         raise ValueError(
             "unit_weight varies where r_u presses on an interface too, whose pressure stays: leave out one of them"
         )

@@ -33,7 +33,7 @@ def model_of(scene, grid="rough"):
 
 def contact(model, scene):
     """Coefficients of friction at the nodes of the contact."""
-    return np.asarray(scene.wall_friction)[model.contact.nodes]
+    return np.asarray(scene.boundary.friction)[model.contact.nodes]
 
 
 def test_each_sample_slides_on_its_own_friction():
@@ -66,7 +66,7 @@ def test_the_friction_of_the_soil_falls_with_slip_where_the_contact_softens():
     model, coefficients = model_of(SCENE.replace('"soil" }', f'"soil"{softening} }}'))
     assert model.campaign.site.shape.interface.slip_length == 0.25
     scene, _ = model.of_sample(coefficients[0])
-    np.testing.assert_allclose(scene.wall_softening, [0.4, 0.25])
+    np.testing.assert_allclose(scene.boundary.softening, [0.4, 0.25])
     assert read(model.campaign).site == model.campaign.site
     with pytest.raises(ValueError, match=r"residual_ratio = 0\.4 and slip_length = None: give both"):
         parse(SCENE.replace('"soil" }', "20.0, residual_ratio = 0.4 }"))
@@ -95,11 +95,11 @@ def test_bedrock_without_an_interface_has_the_strength_of_the_soil_on_it():
     model, coefficients = model_of(SCENE.replace('interface = { friction = "soil" }\n', ""))
     assert model.campaign.site.shape.interface == mpm.Interface(20.0, 1e3)
     scene, _ = model.of_sample(coefficients[0])
-    assert scene.cut is None
-    np.testing.assert_allclose(np.asarray(scene.wall_cohesion)[model.contact.nodes], 1e3)
+    assert scene.boundary.cut is None
+    np.testing.assert_allclose(np.asarray(scene.boundary.cohesion)[model.contact.nodes], 1e3)
     stuck, _ = model_of(SCENE.replace('{ friction = "soil" }', '"fixed"'))
-    assert stuck.scene.base is None
-    assert stuck.scene.cut.any()
+    assert stuck.scene.boundary.base is None
+    assert stuck.scene.boundary.cut.any()
     level = parse(SCENE.replace(SCENE.splitlines()[3] + "\n", "").replace('interface = { friction = "soil" }\n', ""))
     assert level.site.shape.interface is None
 
@@ -121,7 +121,7 @@ def test_layers_of_both_kinds_have_each_its_own_contact():
     )
     scene, _ = model.of_sample(coefficients[0])
     nodes = model.contact.nodes
-    friction, cohesion = np.asarray(scene.wall_friction)[nodes], np.asarray(scene.wall_cohesion)[nodes]
+    friction, cohesion = np.asarray(scene.boundary.friction)[nodes], np.asarray(scene.boundary.cohesion)[nodes]
     x = scene.grid.origin[0] + scene.grid.cell * np.unravel_index(nodes, scene.grid.shape)[0]
     angle = np.nanmax(model.parameters(coefficients[0])["friction"])
     np.testing.assert_allclose(friction[x > 9.5], math.tan(math.radians(angle)), rtol=1e-5)

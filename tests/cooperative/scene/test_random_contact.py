@@ -31,7 +31,7 @@ friction = 30.0
 
 def at_nodes(model, sample, name):
     scene, _ = model.of_sample(sample)
-    return np.asarray(getattr(scene, name))[model.contact.nodes]
+    return np.asarray(getattr(scene.boundary, name.removeprefix("wall_")))[model.contact.nodes]
 
 
 def test_the_field_reaches_the_nodes_of_both_grids_alike():

@@ -129,7 +129,7 @@ def test_what_a_scene_does_not_ask_for_is_absent_from_its_program(tmp_path):
 def test_a_free_field_replaces_the_walls_and_refuses_a_random_weight():
     ends = SCENE.replace('"tied"', '"free field"').replace("[2.0,", "[6.0,")
     model = model_of(ends, at_rest=True)
-    assert [wall.axis for wall in model.scene.walls] == [1]
+    assert [wall.axis for wall in model.scene.boundary.walls] == [1]
     assert np.abs(model.scene.free_field.held).max() > 1e3
     assert model.state.free_field[0].stress.shape[1] == 2 * 12
     heavy = ends.replace(f"unit_weight = {WEIGHT}\n", "")

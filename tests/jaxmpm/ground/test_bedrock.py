@@ -160,7 +160,7 @@ def test_the_edge_of_a_polygon_stays_fixed_over_bedrock(interface):
     scene, _ = replace(shape, surface=surface, polygon=polygon).build(
         [mpm.Layer(STIFF)], mpm.Discretisation(2.0, (1.0,) * 3), at_rest=False
     )
-    cut = np.asarray(scene.cut).reshape(scene.grid.shape)
+    cut = np.asarray(scene.boundary.cut).reshape(scene.grid.shape)
     top = cut[..., -1]
     assert top[[0, -1]].all()
     assert not top[8:12, 6:10].any()
@@ -169,9 +169,9 @@ def test_the_edge_of_a_polygon_stays_fixed_over_bedrock(interface):
 
 def test_a_wall_with_friction_beside_a_base_is_refused():
     scene, _ = tilted(mpm.Interface(12.0))[1]
-    wall = replace(scene.walls[0], hold="friction")
+    wall = replace(scene.boundary.walls[0], hold="friction")
     with pytest.raises(ValueError, match="walls of 'friction' with a base"):
         mpm.scene(
             scene.particles, scene.grid, scene.material, mpm.Discretisation(2.0, (1.0,) * 3),
-            boundary=mpm.Boundary((wall,), friction=0.2, base=scene.base),
+            boundary=mpm.Boundary((wall,), friction=0.2, base=scene.boundary.base),
         )  # fmt: skip

@@ -112,7 +112,7 @@ def test_columns_are_the_ground_at_the_ends():
     layers = [mpm.Layer(sand, bottom=[(0, 4), (8, 3), (12, 3)]), mpm.Layer(replace(sand, cohesion=5e3))]
     scene, state = mpm.section(drawn, layers, HALVES, ends="free field", water=[(0, 5), (8, 3), (12, 3)], at_rest=False)
     low, high = scene.free_field.low, scene.free_field.high
-    assert scene.walls == (mpm.Wall(1, "low", 1, "fixed"),)
+    assert scene.boundary.walls == (mpm.Wall(1, "low", 1, "fixed"),)
     assert [one.particles.mass.size for one in (low, high)] == [2 * 12, 2 * 6]
     assert set(np.asarray(low.material.cohesion).tolist()) == {1e3, 5e3}
     assert set(np.asarray(high.material.cohesion).ravel().tolist()) == {5e3}

@@ -80,7 +80,7 @@ def test_forces_across_a_gap_are_equal_and_opposite_along_the_ground_alone():
     np.testing.assert_allclose(change.sum(axis=0), 0, atol=1e-5)
     assert not change[:, 1].any()
     pulls = np.asarray(force)[:, 1] >= 0
-    lowest = np.arange(scene.grid.nodes).reshape(scene.grid.shape)[:, scene.walls[0].index]
+    lowest = np.arange(scene.grid.nodes).reshape(scene.grid.shape)[:, scene.boundary.walls[0].index]
     assert not change[lowest[pulls[lowest]]].any()
 
 
@@ -88,7 +88,8 @@ def test_soil_with_friction_has_nothing_of_it_in_its_program():
     for soil, found in ((SAND, False), (CLAY, True)):
         scene, state = sliding(soil)
         assert equations.sheared(scene) is found
-        rollers = replace(scene, walls=tuple(replace(wall, hold="roller") for wall in scene.walls))
+        walls = tuple(replace(wall, hold="roller") for wall in scene.boundary.walls)
+        rollers = replace(scene, boundary=replace(scene.boundary, walls=walls))
         assert equations.sheared(rollers) is False
         assert equations.gaps(rollers, jnp.ones(scene.grid.nodes)) is None
         sqrts = [program(each, state).count("stablehlo.sqrt ") for each in (scene, rollers)]
@@ -108,7 +109,7 @@ def test_of_layers_of_both_kinds_the_clay_alone_is_held_across_a_gap():
         nodal = equations.particles_to_grid(
             scene, replace(state, stress=shear), scene.numerics.time_step, equations.Maps(scene, up)
         )
-        force = np.asarray(nodal.force).reshape(*scene.grid.shape, 2)[1:5, scene.walls[0].index, 0]
+        force = np.asarray(nodal.force).reshape(*scene.grid.shape, 2)[1:5, scene.boundary.walls[0].index, 0]
         drags.append(-force.sum() / (4 * 10e3))
     assert np.abs(drags) == pytest.approx([1.0, 0.6], abs=0.01)
 

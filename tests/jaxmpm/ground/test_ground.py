@@ -68,7 +68,7 @@ def test_a_slope_drawn_as_a_section_has_the_same_particles(crest, height, toe, f
     numerics = mpm.Discretisation(2.0, (spacing, spacing))
     one, other = (shape.build([mpm.Layer(CLAY)], numerics, at_rest=False)[0] for shape in (slope, drawn))
     assert one.grid == other.grid
-    assert one.walls == other.walls
+    assert one.boundary.walls == other.boundary.walls
     for name in ("position", "mass", "volume"):
         assert np.array_equal(getattr(one.particles, name), getattr(other.particles, name))
 
@@ -171,7 +171,7 @@ def test_a_ground_may_overhang():
     scene, state = mpm.ground.build_ground(Notch(), [mpm.Layer(CLAY)], numerics, gravity=9.81, at_rest=True)
     assert float(np.sum(scene.particles.volume)) == 8 * (24 * 8 - 14 * 6 - 3 * 2)
     assert mpm.ground.volume(Notch()) == pytest.approx(8 * (24 * 8 - 14 * 6), rel=0.01)
-    assert {(wall.axis, wall.hold) for wall in scene.walls} == {(0, "roller"), (1, "fixed"), (2, "fixed")}
+    assert {(wall.axis, wall.hold) for wall in scene.boundary.walls} == {(0, "roller"), (1, "fixed"), (2, "fixed")}
     # Soil over the notch hangs on what is behind it.
     x, _, z = np.asarray(scene.particles.position)
     assert float(np.asarray(state.stress)[0][(x > 11) & (x < 13) & (z > 8)].mean()) > 0

@@ -85,7 +85,7 @@ def test_gradients_by_the_softening_of_a_base_are_those_of_differences_and_engin
     scene, state = layer(SOFTENING["both, under water"][0], 0.4, r_u=0.3)
 
     def travel(scene, residual, length):
-        softened = replace(scene, wall_softening=jnp.stack([residual, length]))
+        softened = replace(scene, boundary=replace(scene.boundary, softening=jnp.stack([residual, length])))
         return jnp.sum(mpm.advance(softened, state, 150).displacement[0] ** 2)
 
     check_run(travel, scene, (0.5, 0.05), (1e-6, 1e-7), 1e-4)
@@ -97,8 +97,8 @@ def test_gradients_by_a_contact_that_differs_at_its_nodes_are_those_of_differenc
     along = jnp.arange(scene.grid.nodes) // scene.grid.shape[1] / scene.grid.shape[0]
 
     def travel(scene, friction, cohesion):
-        contact = {"wall_friction": 0.2 + friction * along, "wall_cohesion": cohesion * (1 + along)}
-        return jnp.sum(mpm.advance(replace(scene, **contact), state, 60).displacement[0] ** 2)
+        contact = replace(scene.boundary, friction=0.2 + friction * along, cohesion=cohesion * (1 + along))
+        return jnp.sum(mpm.advance(replace(scene, boundary=contact), state, 60).displacement[0] ** 2)
 
     check_run(travel, scene, (0.1, 5e3), (1e-6, 1e-1), 1e-4)
 
@@ -107,7 +107,7 @@ def test_a_contact_holds_at_each_node_by_the_strength_there():
     """A base that is smooth at every second node holds by half of the friction; alike numbers are as one number."""
     scene, state = layer(mpm.Interface(20.0, 8e3), 0.5)
     nodes = jnp.ones(scene.grid.nodes)
-    same, _ = mpm.with_soil(scene, state, wall_friction=scene.wall_friction * nodes, wall_cohesion=8e3 * nodes)
+    same, _ = mpm.with_soil(scene, state, wall_friction=scene.boundary.friction * nodes, wall_cohesion=8e3 * nodes)
     one, each = (mpm.advance(given, state, 60).displacement for given in (scene, same))
     assert np.allclose(one, each, rtol=1e-5)
     every_second = (jnp.arange(scene.grid.nodes) // scene.grid.shape[1]) % 2
@@ -140,7 +140,7 @@ def test_a_block_on_a_plane_is_held_back_by_the_cohesion_under_it(friction, cohe
         (length, height), soil, replace(HALVES, cell=0.5, spacing=(0.25, 0.25)), domain=(8.0, 2.0), corner=(1.0, 0.0),
         gravity=pull, walls="friction", friction=friction, cohesion=cohesion, speed=2.0,
     )  # fmt: skip
-    scene = replace(scene, walls=scene.walls[2:3])
+    scene = replace(scene, boundary=replace(scene.boundary, walls=scene.boundary.walls[2:3]))
     held = friction * 9.81 * math.cos(tilt) + cohesion * 9.81 / (soil.unit_weight * height)
     result = mpm.solve(scene, mpm.at_rest(scene), t_end=1.0).raise_if_failed()
     displacement = float(jnp.mean(result.state.displacement[0]))
@@ -150,8 +150,8 @@ def test_a_block_on_a_plane_is_held_back_by_the_cohesion_under_it(friction, cohe
 def test_strength_reduction_divides_that_of_the_base_too():
     scene, _ = layer(mpm.Interface(30.0, 10e3), 0.2)
     weaker = mpm.reduced(scene, 2.0)
-    assert np.isclose(weaker.wall_friction, math.tan(math.radians(30)) / 2)
-    assert np.isclose(weaker.wall_cohesion, 5e3)
+    assert np.isclose(weaker.boundary.friction, math.tan(math.radians(30)) / 2)
+    assert np.isclose(weaker.boundary.cohesion, 5e3)
 
 
 def test_soil_slides_over_a_strong_base_as_over_a_fixed_one():
@@ -168,11 +168,11 @@ def test_soil_slides_over_a_strong_base_as_over_a_fixed_one():
 
 def test_only_cohesion_and_water_map_the_area_of_soil_on_a_base():
     plain, rubbed, stuck = (layer(each, 0.2)[0] for each in (None, mpm.Interface(20.0), mpm.Interface(20.0, 1e3)))
-    assert (plain.wall_friction, plain.wall_cohesion, plain.wall_pressure) == (None, None, None)
-    assert (rubbed.wall_cohesion, rubbed.wall_pressure, stuck.wall_pressure) == (None, None, None)
-    assert stuck.wall_cohesion.shape == ()
-    assert plain.wall_softening is rubbed.wall_softening is stuck.wall_softening is None
-    pressure = layer(mpm.Interface(20.0), 0.2, r_u=0.25)[0].wall_pressure
+    assert (plain.boundary.friction, plain.boundary.cohesion, plain.boundary.pressure) == (None, None, None)
+    assert (rubbed.boundary.cohesion, rubbed.boundary.pressure, stuck.boundary.pressure) == (None, None, None)
+    assert stuck.boundary.cohesion.shape == ()
+    assert plain.boundary.softening is rubbed.boundary.softening is stuck.boundary.softening is None
+    pressure = layer(mpm.Interface(20.0), 0.2, r_u=0.25)[0].boundary.pressure
     assert np.allclose(pressure, 0.25 * STIFF.unit_weight * HEIGHT)
 
 

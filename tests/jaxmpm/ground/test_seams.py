@@ -93,8 +93,8 @@ INTERFACE = changed(LAYERED, ("[ground]", "[ground]\ninterface = { friction = 12
 
 def test_a_scene_gives_its_base_a_strength():
     scene, _ = built(parse(INTERFACE), "rough", at_rest=False)
-    assert np.isclose(scene.wall_friction, np.tan(np.radians(12.0)))
-    assert np.isclose(scene.wall_cohesion, 3e3)
+    assert np.isclose(scene.boundary.friction, np.tan(np.radians(12.0)))
+    assert np.isclose(scene.boundary.cohesion, 3e3)
     for wrong, message in (
         ("70.0", r"\[ground.interface\] friction = 70 degrees: give a value from 0 to 60"),
         ("0.2", "friction = 0.2 degrees, below 1.6"),

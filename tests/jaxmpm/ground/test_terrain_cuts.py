@@ -32,7 +32,7 @@ def test_a_polygon_keeps_what_lies_in_it():
     assert float(jnp.sum(scene.particles.volume)) == pytest.approx(shape.volume, rel=0.02)
     # A third of the way along x stands the middle of a triangle.
     assert shape.volume == pytest.approx(64 * (9 - 0.25 * 16 / 3), rel=0.02)
-    held = np.asarray(scene.cut).reshape(scene.grid.shape)
+    held = np.asarray(scene.boundary.cut).reshape(scene.grid.shape)
     x, y, _ = (start + 2.0 * np.arange(n) for start, n in zip(scene.grid.origin, scene.grid.shape, strict=True))
     # Along the walls these hold, which are rollers.
     x, y = np.meshgrid(x.clip(0.01, 15.99), y.clip(0.01, 7.99), indexing="ij")
@@ -68,7 +68,7 @@ def test_holes_outside_the_polygon_change_nothing(cut):
     assert np.allclose(holes[0].particles.volume, whole[0].particles.volume, rtol=1e-6)
     assert np.allclose(holes[0].particles.mass, whole[0].particles.mass, rtol=1e-6)
     if cut == "fixed":
-        assert np.array_equal(holes[0].cut, whole[0].cut)
+        assert np.array_equal(holes[0].boundary.cut, whole[0].boundary.cut)
 
 
 @pytest.mark.parametrize("at", [(8, 4), (2, 4), (14, 6)])
@@ -86,7 +86,7 @@ def test_a_depth_keeps_what_lies_above_it():
     assert (9 - 0.25 * x - z < 3).all()
     assert shape.volume == pytest.approx(16 * 8 * 3, rel=1e-6)
     assert float(jnp.sum(scene.particles.volume)) == pytest.approx(shape.volume, rel=0.05)
-    held = np.asarray(scene.cut).reshape(scene.grid.shape)
+    held = np.asarray(scene.boundary.cut).reshape(scene.grid.shape)
     assert held[2, 2, :].nonzero()[0].max() * 2 - 2 == 6  # at x = 2 m the cut lies at 5.5 m
 
 
@@ -138,7 +138,7 @@ def rested():
 
 
 def test_what_a_cut_holds_is_in_balance_and_a_free_one_holds_nothing(rested):
-    assert rested["free"][0].cut is None
+    assert rested["free"][0].boundary.cut is None
     for scene, state in rested.values():
         assert float(unbalanced_force(scene, state)) < 1e-3
     # Across the edge, towards (1, 2) / sqrt(5), the one is pressed as by the soil around it and the other not.

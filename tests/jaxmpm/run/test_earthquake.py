@@ -85,7 +85,7 @@ def test_affine_transfers_do_not_know_where_the_sides_are():
 @pytest.mark.usefixtures("x64")
 def test_what_leaves_at_one_side_comes_in_at_the_other():
     scene, state = layer(3, gravity=0.0, speed=30.0)
-    scene = replace(scene, walls=())
+    scene = replace(scene, boundary=replace(scene.boundary, walls=()))
     moving = jnp.asarray([[25.0], [0.0]]) * jnp.ones_like(scene.particles.mass)
     end = mpm.advance(scene, replace(state, velocity=moving), 200)
     assert int(end.status) == mpm.Status.RUNNING

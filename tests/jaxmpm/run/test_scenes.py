@@ -181,7 +181,8 @@ def test_soil_thrown_up_stays_where_there_is_air():
     for numerics in (HALVES, HIGHER):
         scene, state = mpm.column(2.0, mpm.Soil(young=1e6), replace(numerics, cfl=0.2), at_rest=False)
         state = replace(state, velocity=state.velocity.at[-1].set(6.0))
-        ended.append(mpm.solve(replace(scene, walls=scene.walls[:-1]), state, t_end=0.5).status)
+        open_above = replace(scene.boundary, walls=scene.boundary.walls[:-1])
+        ended.append(mpm.solve(replace(scene, boundary=open_above), state, t_end=0.5).status)
     assert ended == [mpm.Status.OUTSIDE_GRID, mpm.Status.FINISHED]
 
 

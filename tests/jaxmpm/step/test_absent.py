@@ -227,7 +227,7 @@ def test_motion_of_the_base_and_tied_sides_are_absent_unless_asked_for():
         mpm.section(drawn, sand, NUMERICS, at_rest=False, **given)
         for given in ({}, {"motion": motion}, {"ends": "tied"})
     )
-    assert (still[0].motion, still[0].tied) == (None, None)
+    assert (still[0].motion, still[0].boundary.tied) == (None, None)
     leaves = [len(jax.tree.leaves(each)) for each in (still, shaken, tied)]
     assert leaves == [leaves[0], leaves[0] + 2, leaves[0]]
     text = program(*still)
@@ -255,7 +255,7 @@ def test_walls_with_friction_leave_no_operation_behind():
         mpm.block((2, 2), soil, NUMERICS, walls=walls, friction=friction, **sizes)
         for walls, friction in (("roller", 0.0), ("fixed", 0.0), ("friction", 0.3))
     )
-    assert (held[0].wall_friction, held[0].base, sliding[0].base) == (None, None, None)
+    assert (held[0].boundary.friction, held[0].boundary.base, sliding[0].boundary.base) == (None, None, None)
     # The speed along each of four walls on which soil slides.
     assert [count(program(*each), "sqrt") for each in (free, held, sliding)] == [0, 0, 4]
 
@@ -265,7 +265,7 @@ def test_bedrock_is_no_argument_of_a_scene_on_a_level_base():
         mpm.section(mpm.Section([(0, 4), (6, 4)], -2.0, bedrock=bedrock, interface=mpm.Interface(20.0)), SOIL, NUMERICS)
         for bedrock in (None, [(0, 0), (6, -1)])
     )
-    assert (level[0].base, level[0].cut) == (None, None)
+    assert (level[0].boundary.base, level[0].boundary.cut) == (None, None)
     assert len(jax.tree.leaves(rock[0])) == len(jax.tree.leaves(level[0])) + 3
 
 

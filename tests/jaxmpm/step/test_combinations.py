@@ -109,8 +109,9 @@ def built(choice):
     if choice["body_force"]:
         scene = replace(scene, body_force=lambda x, t: 0.1 * jnp.sin(3 * t) * jnp.ones_like(x))
     if choice["ends"] == "tied":
-        planes = tuple(wall.index for wall in scene.walls if wall.axis == 0)
-        scene = replace(scene, walls=tuple(wall for wall in scene.walls if wall.axis != 0), tied=planes)
+        planes = tuple(wall.index for wall in scene.boundary.walls if wall.axis == 0)
+        walls = tuple(wall for wall in scene.boundary.walls if wall.axis != 0)
+        scene = replace(scene, boundary=replace(scene.boundary, walls=walls, tied=planes))
     return replace(scene, numerics=replace(scene.numerics, engine=choice["engine"])), state
 
 

@@ -76,7 +76,9 @@ def softening_work(cell, *, softening_length=None, **choices):
         scene,
         particles=replace(scene.particles, mass=jnp.where(drive, 1e4, 1.0) * scene.particles.mass),
         material=replace(scene.material, strength=jnp.where(drive, 1e3, jnp.where(weaker, WEAKER, 1.0)) * PEAK),
-        walls=(Wall(1, "low", 1, "fixed"), Wall(1, "low", scene.grid.shape[1] - 2, "roller")),
+        boundary=replace(
+            scene.boundary, walls=(Wall(1, "low", 1, "fixed"), Wall(1, "low", scene.grid.shape[1] - 2, "roller"))
+        ),
     )
     start = replace(state, velocity=state.velocity.at[0].set(SPEED * jnp.minimum(z / HEIGHT, 1.0)))
     end = mpm.solve(scene, start, t_end=PULL / SPEED).raise_if_failed().state

@@ -80,7 +80,8 @@ def membrane(cell, poisson, cure):
     inside = np.flatnonzero(share)
     particles, state = jax.tree.map(lambda leaf: leaf[..., inside] if leaf.ndim else leaf, (scene.particles, state))
     particles = replace(particles, mass=particles.mass * share[inside], volume=particles.volume * share[inside])
-    return replace(scene, particles=particles, walls=(Wall(0, "low", 1, "fixed"),), body_force=pushed), state
+    boundary = replace(scene.boundary, walls=(Wall(0, "low", 1, "fixed"),))
+    return replace(scene, particles=particles, boundary=boundary, body_force=pushed), state
 
 
 def deflection(scene, state):
@@ -215,7 +216,7 @@ def notched_loads(cell, poisson, cure):
             scene,
             particles=replace(particles, mass=jnp.where(grip, 1e4, 1.0) * particles.mass),
             material=replace(scene.material, strength=jnp.where(grip, 1e3, 1.0) * STRENGTH),
-            walls=(Wall(0, "low", 1, "roller"), Wall(1, "low", 1, "fixed")),
+            boundary=replace(scene.boundary, walls=(Wall(0, "low", 1, "roller"), Wall(1, "low", 1, "fixed"))),
         )
         state = replace(state, velocity=state.velocity.at[1].set(PULL * jnp.minimum(z / top, 1.0)))
         times = np.linspace(0.0, 0.96, 11)

@@ -244,7 +244,7 @@ def test_derivative_of_a_sliding_blocks_displacement_by_its_friction_is_that_of_
 
     def displacement(friction):
         scene, state = block(0.5, 1e9, tilt=tilt)
-        final = mpm.advance(replace(scene, wall_friction=friction), state, steps)
+        final = mpm.advance(replace(scene, boundary=replace(scene.boundary, friction=friction)), state, steps)
         return jnp.mean(final.displacement[0])
 
     scene, _ = block(0.5, 1e9, tilt=tilt)
@@ -261,9 +261,10 @@ def in_a_box_of_walls_with_friction(gravity):
         (2.0, 2.0, 2.0), soil, numerics, domain=(3.0, 3.0, 3.0), corner=(0.5, 0.5, 0.5), gravity=gravity,
         walls="roller", speed=10.0,
     )  # fmt: skip
-    walls = tuple(replace(wall, hold="friction") for wall in scene.walls)
-    contact = {"wall_cohesion": jnp.asarray(2e3), "wall_pressure": jnp.full(scene.grid.nodes, 1e3)}
-    return replace(scene, walls=walls, wall_friction=jnp.asarray(0.3), **contact), state
+    walls = tuple(replace(wall, hold="friction") for wall in scene.boundary.walls)
+    contact = {"cohesion": jnp.asarray(2e3), "pressure": jnp.full(scene.grid.nodes, 1e3)}
+    boundary = replace(scene.boundary, walls=walls, friction=jnp.asarray(0.3), **contact)
+    return replace(scene, boundary=boundary), state
 
 
 @pytest.mark.usefixtures("x64")
@@ -289,7 +290,7 @@ def test_lanes_and_gradient_in_a_box_of_walls_with_friction():
 
     @jax.jit
     def reached(friction):
-        final, _ = mpm.replay(replace(scene, wall_friction=friction), state, 300)
+        final, _ = mpm.replay(replace(scene, boundary=replace(scene.boundary, friction=friction)), state, 300)
         return jnp.mean(jnp.sum(final.displacement**2, axis=0))
 
     friction, h = jnp.asarray([0.1, 0.3, 0.6]), 1e-7  # contacts open and close within 1e-6
