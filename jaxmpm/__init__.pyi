@@ -38,7 +38,6 @@ from .run import (
 )
 from .setup import (
     Discretisation,
-    Loads,
     at_rest,
     bar,
     block,
@@ -55,7 +54,7 @@ from .setup import (
 from .soil import AnisotropicSoil, CamClaySoil, FrictionalSoil, GranularSoil, Interface, PlasticStrain, Soil
 from .support.pytrees import pytree
 from .transfer import GIMP, Linear, QuadraticBSpline
-from .types import Boundary, Engine, Numerics, Scene, Scheme, State, Status
+from .types import Boundary, Engine, Loads, Numerics, Scene, Scheme, State, Status
 
 __version__: str
 __all__ = [

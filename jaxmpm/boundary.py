@@ -197,7 +197,7 @@ def on_contact(scene: Scene) -> np.ndarray:
 
 def _walls(scene: Scene) -> Iterator[tuple[Region, Array]]:
     """Nodes on walls with friction or beyond them, and unit normals (d,) there."""
-    axes = jnp.eye(scene.grid.dimension, dtype=scene.gravity.dtype)
+    axes = jnp.eye(scene.grid.dimension, dtype=scene.loads.gravity.dtype)
     for wall in scene.boundary.walls:
         if wall.hold == "friction":
             low = wall.side == "low"

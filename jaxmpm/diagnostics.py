@@ -228,7 +228,7 @@ def potential_energy(scene: Scene, state: State) -> Array:
         ValueError: If the state is not of one lane of this scene.
     """
     _of_one_lane(scene, state)
-    return -jnp.sum(scene.particles.mass * (scene.gravity @ state.displacement))
+    return -jnp.sum(scene.particles.mass * (scene.loads.gravity @ state.displacement))
 
 
 def speed(scene: Scene, state: State) -> Array:

@@ -143,6 +143,35 @@ class Boundary:
 
 @pytree
 @dataclass(frozen=True)
+class Loads:
+    """What acts on the particles of a scene.
+
+    Args:
+        gravity: (d,) m/s2; where a user gives it to `jaxmpm.scene`, also a number, which acts downwards.
+        body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; None for none;
+            static.
+        water: a `WaterTable` or `WaterSurface`; stress is then effective stress. The strength of undrained soil does
+            not depend on the mean stress, so a table below the surface changes nothing there, and a pool is a pressure
+            on the surface. None for none.
+        pore_pressure: (N,) Pa, constant on each particle; stress is then effective stress. None without pore pressure,
+            or for undrained soil in total stress.
+        motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None for none.
+        k0: () or (N,) horizontal over vertical effective stress from which the equilibrium at rest is reached; under a
+            slope equilibrium asks for more shear. None for that of elastic loading, nu / (1 - nu). No step reads it.
+    """
+
+    gravity: Numbers = 0.0
+    body_force: Callable[[Array, Array], Array] | None = static(default=None)
+    water: Water | None = None
+    pore_pressure: Numbers | None = None
+    motion: Motion | None = None
+    k0: Numbers | None = None
+
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"k0": from_zero()}
+
+
+@pytree
+@dataclass(frozen=True)
 class Scene:
     """All that defines a run except the state it starts from.
 
@@ -152,15 +181,8 @@ class Scene:
         material: constitutive law.
         numerics: numerical choices.
         boundary: what constrains the nodes.
-        gravity: (d,) m/s2.
-        body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; static.
-        water: a `WaterTable` or `WaterSurface`; stress is then effective stress. None for none.
-        pore_pressure: (N,) Pa, constant on each particle; stress is then effective stress. None without pore pressure,
-            or for undrained soil in total stress.
-        motion: a `BaseMotion`, the acceleration of the base, in whose frame the scene is solved; None for none.
+        loads: what acts on the particles.
         free_field: level ground beyond both ends of a section without walls there; None for walls or tied sides.
-        k0: () or (N,) horizontal over vertical effective stress of the initial stress, see `Loads`; None for that of
-            elastic loading. No step reads it.
     """
 
     grid: Grid
@@ -168,16 +190,8 @@ class Scene:
     material: Any  # a `Material` with the members of its own law, which callers vary
     numerics: Numerics
     boundary: Boundary
-    gravity: Array
-    body_force: Callable[[Array, Array], Array] | None = static(default=None)
-    water: Water | None = None
-    pore_pressure: Array | None = None
-    motion: Motion | None = None
+    loads: Loads
     free_field: FreeField | None = None
-    k0: Array | None = None
-
-    PARAMETERS: ClassVar[Mapping[str, Limit]] = {"k0": from_zero()}
-
 
 @pytree
 @dataclass(frozen=True)

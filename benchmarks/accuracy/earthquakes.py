@@ -87,7 +87,7 @@ def newmark_row(name: str, push: Callable[[np.ndarray], np.ndarray], exact: floa
     )  # the base moves up, the block is left behind
     dtype = state.stress.dtype
     motion = mpm.BaseMotion(jnp.asarray(acceleration, dtype), jnp.asarray(interval, dtype))
-    result = mpm.solve(replace(scene, motion=motion), state, t_end=t_end).raise_if_failed()
+    result = mpm.solve(replace(scene, loads=replace(scene.loads, motion=motion)), state, t_end=t_end).raise_if_failed()
     answer = float(jnp.mean(result.state.displacement[0]))
     return {
         "case": f"Newmark's block, {name}",

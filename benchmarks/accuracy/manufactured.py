@@ -61,7 +61,7 @@ def posed(
     dt = cfl / (finest or cells) / float(jnp.sqrt(scene.material.p_wave_modulus / DENSITY))
     scene = replace(
         scene,
-        body_force=body_force,
+        loads=replace(scene.loads, body_force=body_force),
         numerics=replace(scene.numerics, time_step=jnp.asarray(dt, scene.numerics.time_step.dtype)),
     )
     return scene, replace(state, velocity=velocity.astype(state.velocity.dtype)), exact

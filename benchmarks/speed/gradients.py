@@ -57,7 +57,7 @@ def by_parameter(problem: str, steps: int) -> dict[str, Callable[[Any], Any]]:
     law = scene.material
     result: dict[str, Callable[[Any], Any]] = {
         "moduli": lambda f: run(material(bulk=law.bulk * f, shear=law.shear * f), state),
-        "gravity": lambda f: run(replace(scene, gravity=scene.gravity * f), state),
+        "gravity": lambda f: run(replace(scene, loads=replace(scene.loads, gravity=scene.loads.gravity * f)), state),
     }
     if problem == "softening":
         result["strength"] = lambda f: run(material(strength=law.strength * f), state)

@@ -94,7 +94,12 @@ def with_table(scene: Scene, state: State) -> tuple[Scene, State]:
     dtype = x.dtype
     level = jnp.asarray([jnp.max(z) / 2, jnp.max(z) / 4], dtype)
     table = laws.WaterTable(jnp.asarray([0, jnp.max(x)], dtype), level, jnp.asarray(9810, dtype), jnp.asarray(1, dtype))
-    return replace(scene, water=table), state
+    return replace(scene, loads=replace(scene.loads, water=table)), state
+
+
+def with_pore_pressure(scene: Scene, state: State) -> tuple[Scene, State]:
+    """A pressure that rises with the height, constant on each particle."""
+    return replace(scene, loads=replace(scene.loads, pore_pressure=1e3 * scene.particles.position[-1])), state
 
 
 def with_motion(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -102,7 +107,7 @@ def with_motion(scene: Scene, state: State) -> tuple[Scene, State]:
     dtype = state.stress.dtype
     samples = 0.1 * jnp.sin(jnp.arange(1000, dtype=dtype))
     motion = mpm.BaseMotion(jnp.tile(samples, (scene.grid.dimension, 1)), jnp.asarray(0.01, dtype))
-    return replace(scene, motion=motion), state
+    return replace(scene, loads=replace(scene.loads, motion=motion)), state
 
 
 def with_wall_friction(scene: Scene, state: State) -> tuple[Scene, State]:
@@ -221,7 +226,7 @@ FEATURES: dict[str, tuple[Variant, Variant]] = {
     "averaged plastic strain": (with_averaged_plastic_strain, unchanged),
     "water table": (with_table, unchanged),
     "pore pressure of particles (r_u)": (
-        lambda scene, state: (replace(scene, pore_pressure=1e3 * scene.particles.position[-1]), state),
+        with_pore_pressure,
         unchanged,
     ),
     "cut of any shape": (with_cut, unchanged),

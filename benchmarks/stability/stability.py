@@ -188,7 +188,8 @@ def shaking_rows(quick: bool) -> Iterator[Row]:
     height, amplitude, pulse = 20.0, 1.0, 12.0
     soil = mpm.Soil(young=1e7, poisson=0.0)
     scene, state = mpm.column(height, soil, mpm.Discretisation(0.5, (0.25,)), gravity=0.0, at_rest=False)
-    scene = replace(scene, body_force=lambda x, t: jnp.full_like(x, amplitude) * jnp.sin(pulse * t))
+    loads = replace(scene.loads, body_force=lambda x, t: jnp.full_like(x, amplitude) * jnp.sin(pulse * t))
+    scene = replace(scene, loads=loads)
     wave = np.sqrt(1e7 / (20e3 / 9.81))
     times = np.linspace(0, 3.0, 31)[1:]
     result = mpm.solve(scene, state, t_end=3.0, snapshots=times.tolist())
@@ -203,7 +204,8 @@ def shaking_rows(quick: bool) -> Iterator[Row]:
         size = max(size, np.abs(exact).max())
     yield judged("column shaken at its base against the modal sum", max(errors) / size, 0.02, "of the largest motion")
     scene, state = mpm.slope(SLOPE, CLAY, NUMERICS, speed=20.0)
-    scene = replace(scene, body_force=lambda x, t: jnp.zeros_like(x).at[0].set(3.0 * jnp.sin(12.0 * t)))
+    loads = replace(scene.loads, body_force=lambda x, t: jnp.zeros_like(x).at[0].set(3.0 * jnp.sin(12.0 * t)))
+    scene = replace(scene, loads=loads)
     yield energy_row("slope shaken at its base by 3 m/s2", scene, state, 1.0 if quick else 4.0, CLOSED)
 
 

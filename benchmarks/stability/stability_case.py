@@ -142,8 +142,8 @@ def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.Sta
         if scene.numerics.damping is not None:
             halves = diagnostics.kinetic_energy(scene, old) + diagnostics.kinetic_energy(scene, new)
             damped = damped + dt * scene.numerics.damping * halves
-        if scene.body_force is not None:
-            push = scene.body_force(scene.particles.position, old.step * dt)
+        if scene.loads.body_force is not None:
+            push = scene.loads.body_force(scene.particles.position, old.step * dt)
             pushed = pushed + jnp.sum(m * push * (new.displacement - old.displacement))
         return new, damped, pushed, ground
 

@@ -191,7 +191,7 @@ def _holds(model: GridModel) -> dict[tuple[int, str], str]:
 
 def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
     """Height of the water table (m) at points (m), in a section whatever y; None where there is none."""
-    table = model.scene.water
+    table = model.scene.loads.water
     if isinstance(table, WaterTable):
         return np.interp(x, np.asarray(table.x), np.asarray(table.z))
     if not isinstance(table, WaterSurface):

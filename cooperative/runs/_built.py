@@ -76,8 +76,8 @@ def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
     """
     if campaign.site.by_stress(campaign.soil) is None:
         return None
-    borne, upright = campaign.site.r_u or 0.0, jnp.zeros_like(scene.gravity).at[-1].set(-campaign.run.gravity)
-    scene = replace(scene, gravity=upright)
+    borne, upright = campaign.site.r_u or 0.0, jnp.zeros_like(scene.loads.gravity).at[-1].set(-campaign.run.gravity)
+    scene = replace(scene, loads=replace(scene.loads, gravity=upright))
     return jnp.asarray((1 - borne) * jaxmpm.overburden(scene), scene.particles.mass.dtype)
 
 

@@ -72,9 +72,10 @@ def wet_or_dry(
     own = np.array([each.unit_weight for each in soils])[layer]
     means = np.array([getattr(each, SATURATED, None) or np.nan for each in soils])[layer]
     if level is not None:
-        assert scene.water is not None
-        assert hasattr(scene.water, "at_level")
-        scene = replace(scene, water=scene.water.at_level(level))
+        water = scene.loads.water
+        assert water is not None
+        assert hasattr(water, "at_level")
+        scene = replace(scene, loads=replace(scene.loads, water=water.at_level(level)))
     wet = jaxmpm.ground.wet(scene) & np.isfinite(means)
     return jnp.where(wet, means if saturated is None else saturated, own if dry is None else dry)
 

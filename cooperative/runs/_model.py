@@ -174,7 +174,7 @@ class GridModel:
         level = self.water_level(coefficients)
         values = {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients), level).items()}
         values |= self._at_contact(coefficients, values)
-        return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.gravity.dtype)}
+        return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.loads.gravity.dtype)}
 
     def water_level(self, coefficients: jax.Array | np.ndarray | None = None) -> float | None:
         """Height (m) of the water of a sample, or of the median one; None where samples do not differ in it."""

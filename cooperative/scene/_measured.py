@@ -147,7 +147,8 @@ def unshaken(grid: Grid) -> tuple[Scene, State]:
         grid: of which something is measured.
     """
     scene, state = grid.median
-    return (scene if scene.motion is None else replace(scene, motion=None)), state
+    steady = scene.loads.motion is None
+    return (scene if steady else replace(scene, loads=replace(scene.loads, motion=None))), state
 
 
 def failing_volume(campaign: Campaign) -> float:

@@ -20,10 +20,8 @@ def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
     columns = (
         replace(
             column,
-            gravity=scene.gravity,
-            motion=scene.motion,
-            body_force=scene.body_force,
             numerics=scene.numerics,
+            loads=replace(scene.loads, water=column.loads.water, pore_pressure=column.loads.pore_pressure),
         )
         for column in (scene.free_field.low, scene.free_field.high)
     )

@@ -149,18 +149,19 @@ def external_force(scene: Scene, position: Array, time: Array) -> Array | None:
 
     Water fills what opens between grains, so that it carries as much of the soil as at the start.
     """
-    particles, force = scene.particles, None
-    if scene.body_force is not None:
-        force = particles.mass * scene.body_force(particles.position, time)
-    if scene.water is not None:
-        push = particles.volume * scene.water.push(position)
+    particles, loads, force = scene.particles, scene.loads, None
+    if loads.body_force is not None:
+        force = particles.mass * loads.body_force(particles.position, time)
+    if loads.water is not None:
+        push = particles.volume * loads.water.push(position)
         force = push if force is None else force + push
     return force
 
 
 def felt_gravity(scene: Scene, time: Array) -> Array:
     """Gravity (d,) m/s2 minus the acceleration of the base, in whose frame the soil moves."""
-    return scene.gravity if scene.motion is None else scene.gravity - scene.motion.at(time)
+    loads = scene.loads
+    return loads.gravity if loads.motion is None else loads.gravity - loads.motion.at(time)
 
 
 def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:

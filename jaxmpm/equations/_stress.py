@@ -39,10 +39,10 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
         (d (d + 1) / 2, N) J.
     """
     d = scene.grid.dimension
-    if scene.pore_pressure is not None:
+    if scene.loads.pore_pressure is not None:
         effective, (first, last) = tensors.expand(stress, d), PRESSURE_GOES
         left = jnp.clip((last - jnp.log(volume / scene.particles.volume)) / (last - first), 0, 1)
-        total = tensors.mean(effective) - left * scene.pore_pressure
+        total = tensors.mean(effective) - left * scene.loads.pore_pressure
         stress = tensors.compress(tensors.with_mean(effective, total), d)
     if scene.numerics.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)

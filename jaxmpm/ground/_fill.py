@@ -22,7 +22,6 @@ from jaxmpm.setup import (
     ROUNDING,
     Discretisation,
     Hold,
-    Loads,
     below,
     build,
     cells_up,
@@ -37,7 +36,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.support import check
-from jaxmpm.types import Boundary, Scene, State
+from jaxmpm.types import Boundary, Loads, Scene, State
 
 
 def scene_of(

@@ -62,7 +62,7 @@ def with_free_field(
     nodal = particles_to_grid(scene, state, scene.numerics.time_step, Maps(scene, scene.particles.position))
     assert nodal.force is not None
     traction = free_field(scene, state, scene.numerics.time_step).traction
-    net = (nodal.force + nodal.mass * scene.gravity).reshape(*scene.grid.shape, -1)[jnp.asarray(planes)]
+    net = (nodal.force + nodal.mass * scene.loads.gravity).reshape(*scene.grid.shape, -1)[jnp.asarray(planes)]
     return replace(scene, free_field=replace(field, held=-net - traction)), state
 
 

@@ -65,11 +65,12 @@ def wet(scene: Scene) -> np.ndarray:
     Returns:
         (N,) bool.
     """
-    if scene.water is None:
+    water = scene.loads.water
+    if water is None:
         return np.zeros(scene.particles.mass.shape, bool)
-    assert hasattr(scene.water, "unit_weight")
-    push = np.asarray(scene.water.push(scene.particles.position)[-1], float)
-    return push / float(scene.water.unit_weight) > 0.5 + RESOLVED
+    assert hasattr(water, "unit_weight")
+    push = np.asarray(water.push(scene.particles.position)[-1], float)
+    return push / float(water.unit_weight) > 0.5 + RESOLVED
 
 
 def _refuse_sloping_pool(outline: Outline, points: np.ndarray, discretisation: Discretisation) -> None:

@@ -38,7 +38,6 @@ from jaxmpm.setup import (
     PADDING,
     Discretisation,
     Hold,
-    Loads,
     build,
     check_discretisation,
     end_walls,
@@ -47,7 +46,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import AnySoil, Interface
 from jaxmpm.support import check
-from jaxmpm.types import Scene, State
+from jaxmpm.types import Loads, Scene, State
 
 POINTS = 512
 """Points between the walls at which layers are sampled."""

@@ -27,7 +27,6 @@ from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import (
     RESOLVED,
     Discretisation,
-    Loads,
     below,
     build,
     check_discretisation,
@@ -39,7 +38,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
 from jaxmpm.support import check
-from jaxmpm.types import Scene, State
+from jaxmpm.types import Loads, Scene, State
 
 POINTS = 64
 """Points along each wall at which layers are sampled."""

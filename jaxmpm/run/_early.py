@@ -136,7 +136,7 @@ def check_early(early: Early | None, scene: Scene, state: State, stop_at: float 
         return
     if stop_at is None:
         raise ValueError("settle has early, which decides a class, and stop_at is None: give stop_at, or early = None")
-    if scene.motion is not None:
+    if scene.loads.motion is not None:
         raise ValueError("settle has early, and the base moves, which can stop a slide or start one: give early = None")
     if np.shape(state.history) != np.shape(state.volume_ratio):
         raise ValueError(

@@ -127,7 +127,7 @@ def heights(scene: Scene) -> tuple[float, float]:
 
 
 def _gravity(scene: Scene) -> float:
-    gravity = float(np.linalg.norm(np.asarray(scene.gravity, float)))
+    gravity = float(np.linalg.norm(np.asarray(scene.loads.gravity, float)))
     if gravity == 0:
         raise ValueError("gravity = 0 m/s2: a limit load is one of gravity, give it")
     return gravity

@@ -98,9 +98,9 @@ def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_
 
 def _still_shaken(scene: Scene, state: State) -> np.ndarray:
     """Whether the motion of the base goes on in each lane, () or (B,): no slope has settled before its end."""
-    if scene.motion is None:
+    if scene.loads.motion is None:
         return np.zeros(np.shape(state.step), bool)
-    return np.asarray(state.step) * np.asarray(scene.numerics.time_step) < np.asarray(scene.motion.duration)
+    return np.asarray(state.step) * np.asarray(scene.numerics.time_step) < np.asarray(scene.loads.motion.duration)
 
 
 def steps_until(time: float, dt: float) -> int:

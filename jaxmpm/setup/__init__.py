@@ -15,7 +15,6 @@ from jaxmpm.setup._fill import fill, ordered
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._motion import pseudo_static, read_motion
-from jaxmpm.setup._options import Boundary, Loads
 from jaxmpm.setup._scene import scene, unstressed, with_stress
 from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil, with_strength
 
@@ -26,7 +25,6 @@ __all__ = [
     "WALL_STRENGTH",
     "Discretisation",
     "Hold",
-    "Loads",
     "at_rest",
     "bar",
     "below",

@@ -14,12 +14,11 @@ from jaxmpm.protocols import Material
 from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.setup._fill import ordered
 from jaxmpm.setup._law import in_total_stress_at
-from jaxmpm.setup._options import Loads
 from jaxmpm.setup._scene import scene, unstressed
 from jaxmpm.soil import AnySoil, warn_of_units
 from jaxmpm.support import check
 from jaxmpm.transfer import band_thickness
-from jaxmpm.types import Boundary, Scene, State
+from jaxmpm.types import Boundary, Loads, Scene, State
 
 PADDING = 1
 """Cells of grid beyond a wall."""

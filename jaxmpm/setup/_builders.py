@@ -16,10 +16,9 @@ from jaxmpm.setup._build import PADDING, build, end_walls, material_on
 from jaxmpm.setup._discretisation import Discretisation, cells_up, check_discretisation
 from jaxmpm.setup._fill import box_particles
 from jaxmpm.setup._initial_stress import settled
-from jaxmpm.setup._options import Loads
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
-from jaxmpm.types import Boundary, Scene, State
+from jaxmpm.types import Boundary, Loads, Scene, State
 
 
 def column(

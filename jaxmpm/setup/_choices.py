@@ -12,7 +12,7 @@ from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
-from jaxmpm.protocols import Kernel, Material
+from jaxmpm.protocols import Kernel, Material, Water
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
@@ -73,24 +73,24 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
     rough = boundary.base is not None or any(wall.hold == "friction" for wall in walls)
     if rough != (friction is not None):
         raise ValueError(
-            f"wall_friction = {shown(friction)} with walls of {sorted({wall.hold for wall in walls})}: give it with, "
-            "and only with, walls of 'friction' or a base"
+            f"boundary.friction = {shown(friction)} with walls of {sorted({wall.hold for wall in walls})}: give it "
+            "with, and only with, walls of 'friction' or a base"
         )
     if not rough and any(each is not None for each in (boundary.cohesion, boundary.pressure, boundary.softening)):
         raise ValueError(
             "cohesion, pressure or softening of walls without walls of 'friction' or a base: leave them out"
         )
     if friction is not None:
-        check.not_negative("wall_friction", friction)
+        check.not_negative("boundary.friction", friction)
     if boundary.softening is not None:
         residual, slip = boundary.softening
         check.within("softening[0], the share that slip leaves,", residual, Limit(least=0, most=1))
         check.positive("softening[1], the slip,", slip, "m")
     nodes, pressure, cut, base = (grid.nodes,), boundary.pressure, boundary.cut, boundary.base
-    for name, part in WALL_STRENGTH.items():
-        check_of_contact(name, getattr(boundary, part), grid)
+    for part in WALL_STRENGTH.values():
+        check_of_contact(f"boundary.{part}", getattr(boundary, part), grid)
     if pressure is not None and np.shape(pressure) != nodes:
-        raise ValueError(f"wall_pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")
+        raise ValueError(f"boundary.pressure has shape {np.shape(pressure)}: give {nodes}, in Pa")
     if cut is not None and (np.shape(cut) != nodes or np.asarray(cut).dtype != bool):
         raise ValueError(f"cut has shape {np.shape(cut)}: give {nodes}, one bool for each node")
     if base is not None:
@@ -216,7 +216,7 @@ def check_tied(
 
 
 def check_water(
-    water: WaterTable | WaterSurface | None,
+    water: Water | None,
     pore_pressure: ArrayLike | None,
     material: Material,
     particles: Particles,
@@ -279,18 +279,19 @@ def check_weight_below_water(scene: Scene) -> None:
     Raises:
         ValueError: If soil below the water is no heavier than water.
     """
-    if scene.water is None or check.is_traced(scene):
+    water = scene.loads.water
+    if water is None or check.is_traced(scene):
         return
     particles = scene.particles
-    push = np.asarray(scene.water.push(particles.position)[-1], float)
-    down = -float(scene.gravity[-1])
+    push = np.asarray(water.push(particles.position)[-1], float)
+    down = -float(scene.loads.gravity[-1])
     heavy = down * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
     floats = np.flatnonzero((push > 0) & (heavy <= push * (1 + 1e-6)))
     if floats.size:
         worst = floats[np.argmin(heavy[floats])]
         at = ", ".join(f"{x:.4g}" for x in np.asarray(particles.position)[:, worst])
-        assert hasattr(scene.water, "unit_weight")
-        weight = float(scene.water.unit_weight) * STANDARD_GRAVITY / down
+        assert hasattr(water, "unit_weight")
+        weight = float(water.unit_weight) * STANDARD_GRAVITY / down
         raise ValueError(
             f"soil at ({at}) m lies below the water with a unit weight of {heavy[worst] * STANDARD_GRAVITY / down:.5g} "
             f"N/m3, no more than the {weight:.4g} of water, and floats: give unit_weight, or saturated_unit_weight of "

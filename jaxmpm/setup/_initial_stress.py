@@ -67,13 +67,14 @@ def elastic_equilibrium(
         strain = maps.unlocked(tensors.strain_increment(entries, jnp.ones((), stress.dtype)), particles.volume)
         return tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
 
-    load = mass * scene.gravity
+    load = mass * scene.loads.gravity
     external = external_force(scene, particles.position, jnp.zeros((), stress.dtype))
     if external is not None:
         load = load + maps.to_grid(external, None)
-    if scene.pore_pressure is not None:
+    if scene.loads.pore_pressure is not None:
         load = load + maps.to_grid(None, acting_stress(scene, jnp.zeros_like(stress), particles.volume, maps))
-        scene = replace(scene, pore_pressure=None)  # the rest is linear in the effective stress
+        # The rest is linear in the effective stress.
+        scene = replace(scene, loads=replace(scene.loads, pore_pressure=None))
     load = free(load)
     net = load + internal_force(stress)
     norm = jnp.linalg.norm(load)
@@ -150,13 +151,14 @@ def settled(scene: Scene, state: State) -> State:
         raise ValueError(
             "ends = 'free field' hold nothing at rest: the stress of such a section is that of `section`, build it anew"
         )
-    if not np.any(np.asarray(scene.gravity)) and scene.body_force is None and scene.water is None:
+    loads = scene.loads
+    if not np.any(np.asarray(loads.gravity)) and loads.body_force is None and loads.water is None:
         return state
     d, dtype = scene.grid.dimension, state.stress.dtype
     vertical = -overburden(scene).astype(dtype)
     bulk, shear = np.asarray(scene.material.bulk), np.asarray(scene.material.shear)
     elastic = (bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)
-    k0 = (elastic if scene.k0 is None else np.asarray(scene.k0)).astype(dtype)
+    k0 = (elastic if scene.loads.k0 is None else np.asarray(scene.loads.k0)).astype(dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
     stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
     balanced, residual = elastic_equilibrium(scene, stress, gapped=_gapped(scene))
@@ -192,14 +194,15 @@ def overburden(scene: Scene) -> np.ndarray:
     gaps = [np.diff(np.unique(axis)) for axis in across]
     height = -np.diff(z[order])[~starts[1:]].min()
     area = float(np.prod([np.median(gap) for gap in gaps])) if all(gap.size for gap in gaps) else volume.max() / height
-    weight = -float(scene.gravity[-1]) * mass
-    if scene.water is not None:
-        weight = weight - volume * np.asarray(scene.water.push(scene.particles.position)[-1], float)
+    loads = scene.loads
+    weight = -float(loads.gravity[-1]) * mass
+    if loads.water is not None:
+        weight = weight - volume * np.asarray(loads.water.push(scene.particles.position)[-1], float)
     weight = weight[order] / area
     below = np.cumsum(weight)
     column = np.maximum.accumulate(np.where(starts, np.arange(order.size), 0))
     above = np.empty(order.size)
     above[order] = below - weight / 2 - (below - weight)[column]
-    if scene.pore_pressure is not None:
-        above = np.where(above > 0, above - np.asarray(scene.pore_pressure, float), above)
+    if loads.pore_pressure is not None:
+        above = np.where(above > 0, above - np.asarray(loads.pore_pressure, float), above)
     return above

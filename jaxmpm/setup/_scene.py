@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import BaseMotion, frictional, remembers_gap
-from jaxmpm.protocols import Material
+from jaxmpm.protocols import Material, Motion
 from jaxmpm.setup._choices import (
     check_boundary,
     check_engine,
@@ -30,11 +30,10 @@ from jaxmpm.setup._choices import (
 from jaxmpm.setup._discretisation import Discretisation, check_discretisation, kernel_of
 from jaxmpm.setup._law import check_scene, check_shape, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
-from jaxmpm.setup._options import Loads
 from jaxmpm.support import check
 from jaxmpm.tensors import CARRIED, expand
 from jaxmpm.transfer import passes_for
-from jaxmpm.types import Boundary, Engine, Numerics, Scene, State, Status
+from jaxmpm.types import Boundary, Engine, Loads, Numerics, Scene, State, Status
 
 
 def scene(
@@ -134,7 +133,6 @@ def scene(
         particles=particles,
         material=material,
         numerics=numerics,
-        gravity=number(g),
         boundary=replace(
             boundary,
             walls=tuple(boundary.walls),
@@ -145,11 +143,14 @@ def scene(
             base=jax.tree.map(number, boundary.base),
             softening=optional(boundary.softening),
         ),
-        body_force=loads.body_force,
-        water=jax.tree.map(number, loads.water),
-        pore_pressure=optional(loads.pore_pressure),
-        motion=jax.tree.map(number, loads.motion),
-        k0=optional(loads.k0),
+        loads=replace(
+            loads,
+            gravity=number(g),
+            water=jax.tree.map(number, loads.water),
+            pore_pressure=optional(loads.pore_pressure),
+            motion=jax.tree.map(number, loads.motion),
+            k0=optional(loads.k0),
+        ),
     )
     check_scene(built)
     check_weight_below_water(built)
@@ -157,7 +158,7 @@ def scene(
     return built
 
 
-def _check_time_step(scene: Scene, motion: BaseMotion | None) -> None:
+def _check_time_step(scene: Scene, motion: Motion | None) -> None:
     """Raise ValueError for damping that a time step takes too far; warn of a record that it skips parts of."""
     dt, damping = float(scene.numerics.time_step), scene.numerics.damping
     if damping is not None and float(damping) * dt >= 1:
@@ -165,7 +166,7 @@ def _check_time_step(scene: Scene, motion: BaseMotion | None) -> None:
             f"damping = {float(damping):g} 1/s in time steps of {dt:.3g} s: give less than {1 / dt:.3g}, from "
             "which on it turns velocities round in each step, or a smaller cfl"
         )
-    if motion is None or check.is_traced(motion):
+    if not isinstance(motion, BaseMotion) or check.is_traced(motion):
         return
     lost = skipped(motion, dt)
     if lost > SKIPPED:

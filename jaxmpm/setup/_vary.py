@@ -90,7 +90,7 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
         raise ValueError(
             f"{unknown} is no parameter of {type(scene.material).__name__}: use some of {[*known, *ENGINEERING]}"
         )
-    if WATER_LEVEL in names and scene.water is None:
+    if WATER_LEVEL in names and scene.loads.water is None:
         raise ValueError("water_level is given, and the scene has no water: build it with a level")
     for name, part in WALL_STRENGTH.items():
         if name in names and getattr(scene.boundary, part) is None:
@@ -152,12 +152,14 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     if "unit_weight" in given:
         mass = given["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
         varied = replace(varied, particles=replace(scene.particles, mass=mass))
-        if scene.pore_pressure is not None:
-            varied = replace(varied, pore_pressure=scene.pore_pressure * _heavier(scene, varied))
+        if scene.loads.pore_pressure is not None:
+            pressure = scene.loads.pore_pressure * _heavier(scene, varied)
+            varied = replace(varied, loads=replace(varied.loads, pore_pressure=pressure))
     if WATER_LEVEL in given:
-        assert scene.water is not None
-        assert hasattr(scene.water, "at_level")
-        varied = replace(varied, water=scene.water.at_level(given[WATER_LEVEL]))
+        water = scene.loads.water
+        assert water is not None
+        assert hasattr(water, "at_level")
+        varied = replace(varied, loads=replace(varied.loads, water=water.at_level(given[WATER_LEVEL])))
     contact: dict[str, Any] = {part: given[name] for name, part in WALL_STRENGTH.items() if name in given}
     varied = replace(varied, boundary=replace(scene.boundary, **contact))
     if not STARTING & given.keys():
@@ -179,7 +181,8 @@ def _heavier(scene: Scene, varied: Scene) -> Array:
         raise ValueError(
             "unit_weight varies where r_u presses on an interface too, whose pressure stays: leave out one of them"
         )
-    before, after = (overburden(replace(each, pore_pressure=None)) for each in (scene, varied))
+    dry = replace(scene.loads, pore_pressure=None)
+    before, after = (overburden(replace(each, loads=dry)) for each in (scene, varied))
     ratio = np.divide(after, before, out=np.ones_like(before), where=before != 0)
     return jnp.asarray(ratio, scene.particles.mass.dtype)
 

@@ -269,7 +269,7 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
 def _of_particles(model: GridModel, coefficients: np.ndarray | None) -> tuple[list[Layer], Water, Strength]:
     """Layers, water and strength of a sample, or of median soil, as particles of a grid have it."""
     scene = _with_soil(model, coefficients)
-    table = scene.water
+    table = scene.loads.water
     water = np.stack([table.x, table.z], axis=1).astype(float).tolist() if isinstance(table, WaterTable) else None
     layers = model.campaign.site.soils(model.campaign.soil)
     return _weighed(layers, model, scene), water, _strength(model, scene)
@@ -356,7 +356,7 @@ def _by_solver(result: Safety, model: GridModel, coefficients: np.ndarray | None
     state = jaxmpm.at_rest(model.scene, apic=campaign.grids[model.grid].apic)
     scene, state = replace(model, state=state).of_sample(coefficients)
     # A factor of safety is of a steady load.
-    scene = replace(scene, motion=None)
+    scene = replace(scene, loads=replace(scene.loads, motion=None))
     middle = 1.0 if result.equilibrium is None else result.equilibrium.slip.factor
     bracket = (round(min(0.5, middle / 2), 2), round(max(3.0, 2 * middle), 2))
     try:

@@ -108,7 +108,7 @@ def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
     monkeypatch.setattr("cooperative.scene._measured.factor_of_safety", safe)
     monkeypatch.setattr("cooperative.scene._measured._displacement", lambda *_: 0.3)
     monkeypatch.setattr("cooperative.scene._measured.reduced", lambda scene, _: scene)
-    model = SimpleNamespace(median=(SimpleNamespace(motion=None), None))
+    model = SimpleNamespace(median=(SimpleNamespace(loads=mpm.Loads()), None))
     assert measure_limit_load(campaign, model) == LimitLoad(1.2, 0.3, 7.5, 40.0, (1.1, 2.0))
     assert measure_limit_load(parse(PLASTIC), model).volume == 3.2
     assert asked == [7.5, 3.2]

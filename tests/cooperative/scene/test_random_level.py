@@ -41,7 +41,7 @@ def test_a_sample_is_that_of_a_scene_with_its_level():
     scene, state = model.of_sample(sample)
     fixed, _ = model_and_coefficients(SCENE.replace(DRAWN, f"[water]\nlevel = {level!r}\n"))
     own, start = fixed.of_sample(sample[:-1])
-    np.testing.assert_allclose(scene.water.z, own.water.z, rtol=1e-6)
+    np.testing.assert_allclose(scene.loads.water.z, own.loads.water.z, rtol=1e-6)
     np.testing.assert_allclose(scene.particles.mass, own.particles.mass, rtol=1e-6)
     np.testing.assert_array_equal(scene.material.cohesion, own.material.cohesion)
     scale = float(np.abs(start.stress).max())

@@ -134,7 +134,7 @@ def test_undrained_clay_refuses_a_share_of_its_weight_as_pore_pressure():
 @pytest.mark.parametrize("water", ["level = 6.0", "depth = 2.0", "table = [[0, 8], [16, 2], [32, 2]]"])
 def test_undrained_clay_stands_under_a_table(water):
     model = model_of(LAYERED.replace("[rough]", f"[water]\n{water}\n[rough]"))
-    assert model.scene.water is not None
+    assert model.scene.loads.water is not None
 
 
 LEVEL = """[ground]

@@ -60,11 +60,11 @@ def test_k_h_and_k_v_are_those_of_the_solver_and_leave_the_consolidated_strength
     scene, state = built(campaign, "rough")
     shape = mpm.Section(((0.0, HEIGHT), (2.0, HEIGHT)))
     own, start = mpm.section(shape, campaign.soil, campaign.grids["rough"], ends="tied", **coefficients)
-    np.testing.assert_array_equal(scene.gravity, own.gravity)
+    np.testing.assert_array_equal(scene.loads.gravity, own.loads.gravity)
     np.testing.assert_array_equal(state.stress, start.stress)
     slope = mpm.Slope(crest=4, height=4, run_per_rise=1.0, toe=8, foundation=2)
     scene, _ = mpm.slope(slope, campaign.soil, campaign.grids["rough"], at_rest=False, **coefficients)
-    np.testing.assert_allclose(scene.gravity, [0.981, -1.05 * 9.81], rtol=1e-6)
+    np.testing.assert_allclose(scene.loads.gravity, [0.981, -1.05 * 9.81], rtol=1e-6)
     ratio = "strength_ratio = 0.25\nstrength_minimum = 2e3\n[water]\nlevel = 4.0\n[soil.young]\nmean = 2e7\n"
     consolidated = SCENE.replace("young = 2e7\n", "").replace(
         SCENE[SCENE.index("[strength]") : SCENE.index("cov")], ratio
@@ -107,7 +107,7 @@ def test_no_run_settles_before_its_record_ends(tmp_path):
     quiet = "time,x\n" + "\n".join(f"{0.1 * k:.1f},{0.3 * (k > 30)}" for k in range(36))
     model = model_of(shaken(tmp_path, quiet), at_rest=True)
     scene, state = model.median
-    for shaking, most in ((scene, 4.0), (replace(scene, motion=None), 2.0)):
+    for shaking, most in ((scene, 4.0), (replace(scene, loads=replace(scene.loads, motion=None)), 2.0)):
         end = mpm.solve(shaking, state, t_end=4.0, settle=mpm.Settle()).state
         assert most - 1.0 < int(end.step) * float(scene.numerics.time_step) < most + 0.1
     varied = {"strength": [model.strength()]}
@@ -118,7 +118,7 @@ def test_no_run_settles_before_its_record_ends(tmp_path):
 def test_what_a_scene_does_not_ask_for_is_absent_from_its_program(tmp_path):
     plain = built(parse(SCENE), "rough", at_rest=False)
     zero = built(parse(SCENE.replace("t_end = 4.0", "t_end = 4.0\nk_h = 0.0")), "rough", at_rest=False)
-    assert plain[0].motion is plain[0].free_field is None
+    assert plain[0].loads.motion is plain[0].free_field is None
     assert program(*plain) == program(*zero)
     moving = built(parse(shaken(tmp_path)), "rough", at_rest=False)
     finite = built(parse(SCENE.replace("cell = 1.0", "cell = 1.0\nfinite_strain = true")), "rough", at_rest=False)

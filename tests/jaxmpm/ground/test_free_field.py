@@ -9,10 +9,12 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.accuracy import earthquakes_ends
+from jaxmpm.equations import beyond_ends
 from tests.differences import check_run
 
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
 SOIL = mpm.Soil(unit_weight=19620.0, young=2e7, poisson=0.2)
+POOL = [(0, 5), (8, 3), (12, 3)]
 LAYERS = [mpm.Layer(replace(SOIL, young=8e7), bottom=[(0, 3), (4, 3)]), mpm.Layer(SOIL)]
 
 
@@ -74,7 +76,8 @@ def test_ends_of_unlike_height_move_each_as_its_own_ground():
     drawn = mpm.Section([(0, 8), (40, 8), (48, 4), (88, 4)])
     soil, numerics = replace(SOIL, young=1e8), replace(HALVES, damping=2.0)
     scene, state = mpm.section(drawn, soil, numerics, ends="free field", motion=shaking(), speed=1.0)
-    calm = replace(scene, motion=replace(scene.motion, acceleration=0 * scene.motion.acceleration))
+    still = replace(scene.loads.motion, acceleration=0 * scene.loads.motion.acceleration)
+    calm = replace(scene, loads=replace(scene.loads, motion=still))
     still = mpm.solve(calm, state, t_end=0.5).raise_if_failed().state
     end = mpm.solve(scene, state, t_end=0.5).raise_if_failed().state
     assert float(jnp.abs(still.displacement).max()) < 1e-3 * float(jnp.abs(end.displacement).max())
@@ -100,8 +103,9 @@ def test_gradients_pass_and_lanes_are_runs():
     scene, state = slope(gravity=0.0)
 
     def swung(scene, scale):
-        motion = replace(scene.motion, acceleration=scale * scene.motion.acceleration)
-        return jnp.sum(mpm.advance(replace(scene, motion=motion), state, 40).displacement[0] ** 2)
+        motion = replace(scene.loads.motion, acceleration=scale * scene.loads.motion.acceleration)
+        shaken = replace(scene, loads=replace(scene.loads, motion=motion))
+        return jnp.sum(mpm.advance(shaken, state, 40).displacement[0] ** 2)
 
     check_run(swung, scene, (1.0,), (1e-6,), tolerance=1e-6)
 
@@ -110,17 +114,40 @@ def test_columns_are_the_ground_at_the_ends():
     drawn = mpm.Section([(0, 6), (4, 6), (8, 3), (12, 3)])
     sand = mpm.FrictionalSoil(1e3, 30.0, unit_weight=18e3)
     layers = [mpm.Layer(sand, bottom=[(0, 4), (8, 3), (12, 3)]), mpm.Layer(replace(sand, cohesion=5e3))]
-    scene, state = mpm.section(drawn, layers, HALVES, ends="free field", water=[(0, 5), (8, 3), (12, 3)], at_rest=False)
+    scene, state = mpm.section(drawn, layers, HALVES, ends="free field", water=POOL, at_rest=False)
     low, high = scene.free_field.low, scene.free_field.high
     assert scene.boundary.walls == (mpm.Wall(1, "low", 1, "fixed"),)
     assert [one.particles.mass.size for one in (low, high)] == [2 * 12, 2 * 6]
     assert set(np.asarray(low.material.cohesion).tolist()) == {1e3, 5e3}
     assert set(np.asarray(high.material.cohesion).ravel().tolist()) == {5e3}
-    assert [float(one.water.z[0]) for one in (low, high)] == [5, 3]
+    assert [float(one.loads.water.z[0]) for one in (low, high)] == [5, 3]
     assert not np.any(np.asarray(scene.free_field.held))
     weaker = mpm.reduced(scene, 2.0).free_field
     assert np.allclose(weaker.low.material.cohesion, low.material.cohesion / 2)
     assert [own.displacement.shape[1] for own in state.free_field] == [24, 12]
+
+
+def test_columns_take_loads_and_choices_of_the_section_and_keep_their_water():
+    sand = mpm.FrictionalSoil(1e3, 30.0, unit_weight=18e3)
+    drawn, numerics = mpm.Section([(0, 6), (4, 6), (8, 3), (12, 3)]), replace(HALVES, damping=0.5, flip=0.9)
+    pressed = mpm.section(drawn, sand, numerics, ends="free field", r_u=0.3, motion=shaking(), at_rest=False)
+    flooded = mpm.section(drawn, sand, numerics, ends="free field", water=POOL, at_rest=False)
+    for scene, state in (pressed, flooded):
+        loads = replace(scene.loads, gravity=2 * scene.loads.gravity, body_force=lambda x, t: 0 * x)
+        choices = replace(scene.numerics, damping=jnp.asarray(0.7), engine=mpm.Engine.XLA, scheme=mpm.Scheme.USL)
+        varied = replace(scene, loads=loads, numerics=choices)
+        built = (scene.free_field.low, scene.free_field.high)
+        for (column, at), there in zip(beyond_ends(varied, replace(state, step=state.step + 7)), built, strict=True):
+            assert column.numerics is choices
+            for name in ("gravity", "motion", "body_force"):
+                assert getattr(column.loads, name) is getattr(loads, name)
+            for name in ("water", "pore_pressure"):
+                assert getattr(column.loads, name) is getattr(there.loads, name)
+            for name in ("grid", "particles", "material", "boundary", "free_field"):
+                assert getattr(column, name) is getattr(there, name)
+            assert int(at.step) == 7
+        after = jax.eval_shape(mpm.step, varied, state, scene.numerics.time_step)
+        assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
 
 
 REFUSED = {

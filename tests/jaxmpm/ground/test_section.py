@@ -62,7 +62,7 @@ def test_what_lies_beyond_the_walls_changes_nothing():
     drawn = mpm.Section([(10.0, 20.0), (20.0, 20.0), (45.0, 7.5)], base=-5.0)
     assert (cut.relief, cut.extent, cut.downhill) == (drawn.relief, drawn.extent, drawn.downhill) == (12.5, (35, 25), 1)
     one, other = (mpm.section(shape, CLAY, mpm.Discretisation(1.0, (0.5, 0.5)), k_h=0.2)[0] for shape in (cut, drawn))
-    assert np.array_equal(one.gravity, other.gravity)
+    assert np.array_equal(one.loads.gravity, other.loads.gravity)
     assert one.grid == other.grid
     assert np.array_equal(one.particles.position, other.particles.position)
 
@@ -109,7 +109,7 @@ LAYERS = [
 def test_an_earthquake_acts_towards_the_toe_or_the_lower_end(left, toe, direction):
     bank = mpm.Section([(0, left), (4, 6), (10, 6), (16, 3), (24, 3)], toe=toe)
     scene, _ = mpm.section(bank, CLAY, HALVES, k_h=0.2, at_rest=False)
-    assert np.allclose(scene.gravity, (direction * 0.2 * 9.81, -9.81))
+    assert np.allclose(scene.loads.gravity, (direction * 0.2 * 9.81, -9.81))
 
 
 def test_particles_are_of_the_layer_in_which_they_lie():

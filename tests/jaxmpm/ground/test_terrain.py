@@ -284,7 +284,7 @@ def test_a_scene_says_the_water_in_its_terrain(tmp_path):
         campaign = parse(read_scene(tmp_path / "scene.toml"))
         built[name] = runs.build(campaign, "rough", None, at_rest=False).scene
     x, _, z = np.asarray(built["raster"].particles.position, float)
-    push = {name: np.asarray(scene.water.push(scene.particles.position)) for name, scene in built.items()}
+    push = {name: np.asarray(scene.loads.water.push(scene.particles.position)) for name, scene in built.items()}
     assert np.allclose(push["raster"], push["depth"], rtol=1e-4, atol=1e-2)
     assert np.array_equal(push["raster"][2] > 0, z - 0.5 < 8 - x / 4 - 1e-5)
     assert np.array_equal(push["level"][2] > 0, z < 4.5 - 1e-5)

@@ -123,7 +123,7 @@ def test_water_is_drawn_where_it_stands_whatever_says_so():
     heights = 4 + jnp.array([[0.0, 4.0], [2.0, 6.0]])
     surface = mpm.laws.WaterSurface(heights, jnp.zeros(2), jnp.asarray(2.0), weight, height)
     for water, known in ((table, [4, 4.5, 6]), (surface, [4, 6.5, 10]), (None, None)):
-        result = ground._water(SimpleNamespace(scene=SimpleNamespace(water=water)), x, y)
+        result = ground._water(SimpleNamespace(scene=SimpleNamespace(loads=mpm.Loads(water=water))), x, y)
         assert result is None if known is None else np.allclose(result, known)
 
 

@@ -149,5 +149,5 @@ def test_a_particle_that_the_surface_cuts_weighs_its_part_on_those_below(top):
 
 def test_water_on_clay_of_a_ratio_is_a_load():
     model = wet_model(CONSTANT, "level = 15.0")
-    assert model.scene.water is not None
-    assert wet_model(CONSTANT, "r_u = 0.4").scene.pore_pressure is None
+    assert model.scene.loads.water is not None
+    assert wet_model(CONSTANT, "r_u = 0.4").scene.loads.pore_pressure is None

@@ -64,7 +64,7 @@ def test_water_weighs_as_the_soil_does_under_any_gravity(water):
 def test_r_u_goes_with_a_weight_that_varies():
     built = mpm.section(LEVEL, replace(SAND, unit_weight=25e3), HALVES, r_u=0.4)
     scene, state = mpm.with_soil(*mpm.section(LEVEL, SAND, HALVES, r_u=0.4), unit_weight=25e3)
-    assert np.allclose(scene.pore_pressure, built[0].pore_pressure, rtol=1e-5)
+    assert np.allclose(scene.loads.pore_pressure, built[0].loads.pore_pressure, rtol=1e-5)
     assert np.allclose(state.stress, built[1].stress, rtol=1e-3, atol=10)
     on_joint = mpm.Section(LEVEL.surface, interface=mpm.Interface(20.0))
     with pytest.raises(ValueError, match="unit_weight varies where r_u presses on an interface"):
@@ -75,8 +75,8 @@ def test_the_pressure_of_r_u_does_no_work_without_bound():
     """Sand that its pore pressure has torn apart, without gravity and walls."""
     block = mpm.Section([(0, 4), (4, 4)])
     scene, state = mpm.section(block, replace(SAND, cohesion=1e3), replace(HALVES, air=8.0), r_u=0.5, at_rest=False)
-    pressure = jnp.full_like(scene.pore_pressure, 20e3)
-    scene = replace(scene, pore_pressure=pressure, gravity=0 * scene.gravity)
+    pressure = jnp.full_like(scene.loads.pore_pressure, 20e3)
+    scene = replace(scene, loads=replace(scene.loads, pore_pressure=pressure, gravity=0 * scene.loads.gravity))
     final = mpm.solve(scene, state, t_end=1.0).raise_if_failed().state
     volume = float(jnp.sum(scene.particles.volume))
     assert float(final.volume_ratio.max()) > 1.05
@@ -207,7 +207,7 @@ def test_r_u_and_saturated_weight_under_terrain():
     layers = [mpm.Layer(replace(SAND, unit_weight=16e3), depth=3.0), mpm.Layer(SAND)]
     scene, _ = mpm.terrain(FLAT_TERRAIN, layers, ONES, r_u=0.25, at_rest=False)
     above = 16e3 * np.minimum(8 - z, 3) + 18e3 * np.maximum(5 - z, 0)
-    assert np.allclose(scene.pore_pressure, 0.25 * above)
+    assert np.allclose(scene.loads.pore_pressure, 0.25 * above)
 
 
 @pytest.mark.parametrize(
@@ -268,8 +268,8 @@ def test_gradients_through_water_are_those_of_differences_and_engines_and_lanes_
     weight = 18e3 * jnp.maximum(6 - scene.particles.position[-1], 0)
 
     def slid(scene, level, r_u):
-        water = replace(scene.water, **{points: getattr(scene.water, points) + level})
-        varied = replace(scene, water=water, pore_pressure=r_u * weight)
+        water = replace(scene.loads.water, **{points: getattr(scene.loads.water, points) + level})
+        varied = replace(scene, loads=replace(scene.loads, water=water, pore_pressure=r_u * weight))
         return jnp.sum(mpm.advance(varied, state, 40).displacement[0])
 
     # Short steps: particles that the table or yield cuts make kinks.
@@ -291,7 +291,7 @@ def test_gradients_through_water_are_those_of_differences_and_engines_and_lanes_
 def test_pools_that_are_level_and_tables_in_the_ground_are_built_as_drawn(water):
     scene, _ = mpm.section(HILL, SAND, HALVES, water=water, at_rest=False)
     drawn = [(0, water), (20, water)] if isinstance(water, float) else water
-    assert np.allclose(np.stack([scene.water.x, scene.water.z], axis=1), drawn)
+    assert np.allclose(np.stack([scene.loads.water.x, scene.loads.water.z], axis=1), drawn)
 
 
 @pytest.mark.usefixtures("x64")
@@ -310,7 +310,7 @@ def test_earthquakes_push_towards_the_lower_end_and_up():
     mirrored = mpm.Section([(20 - x, z) for x, z in reversed(HILL.surface)])
     for shape, sign in ((HILL, 1), (mirrored, -1)):
         scene, _ = mpm.section(shape, SAND, HALVES, k_h=0.15, k_v=0.05, at_rest=False)
-        assert np.allclose(scene.gravity, [sign * 0.15 * 9.81, -0.95 * 9.81])
+        assert np.allclose(scene.loads.gravity, [sign * 0.15 * 9.81, -0.95 * 9.81])
 
 
 REFUSED = {

@@ -223,9 +223,11 @@ def test_water_does_not_enter_the_strength_of_undrained_layers():
         z = np.asarray(scene.particles.position[1])
         undrained = np.repeat([False, True], scene.material.counts)
         if pressure is None:
-            assert not np.any(np.asarray(scene.pore_pressure)[undrained])
-            np.testing.assert_allclose(scene.pore_pressure[~undrained], 0.3 * 20e3 * (6 - z[~undrained]), rtol=1e-5)
-            u = np.asarray(scene.pore_pressure)
+            assert not np.any(np.asarray(scene.loads.pore_pressure)[undrained])
+            np.testing.assert_allclose(
+                scene.loads.pore_pressure[~undrained], 0.3 * 20e3 * (6 - z[~undrained]), rtol=1e-5
+            )
+            u = np.asarray(scene.loads.pore_pressure)
         else:
             u = pressure(z)
         # The total stress bears the weight through both kinds.

@@ -99,7 +99,7 @@ def test_replay_and_advance_say_so_too(section):
 def test_other_numbers_of_a_scene_are_held_to_their_limits(section, name, value):
     scene, state = section
     if name == "gravity":
-        bad = replace(scene, gravity=jnp.full_like(scene.gravity, value))
+        bad = replace(scene, loads=replace(scene.loads, gravity=jnp.full_like(scene.loads.gravity, value)))
     else:
         bad = replace(scene, numerics=replace(scene.numerics, **{name: jnp.full_like(scene.numerics.time_step, value)}))
     assert int(mpm.advance(bad, state, jnp.asarray(1)).status) == BAD

@@ -107,8 +107,9 @@ def test_gradients_by_the_record_are_those_of_differences_and_lanes_are_runs():
     scene, state = layer(motion=shaking(), gravity=0.0)
 
     def swung(scale):
-        motion = replace(scene.motion, acceleration=scale * scene.motion.acceleration)
-        return jnp.sum(mpm.advance(replace(scene, motion=motion), state, 60).displacement[0] ** 2)
+        motion = replace(scene.loads.motion, acceleration=scale * scene.loads.motion.acceleration)
+        shaken = replace(scene, loads=replace(scene.loads, motion=motion))
+        return jnp.sum(mpm.advance(shaken, state, 60).displacement[0] ** 2)
 
     value, slope = jax.jit(jax.value_and_grad(swung))(1.0)
     behind, here, ahead = jax.jit(jax.vmap(swung))(1 + 1e-6 * jnp.arange(-1.0, 2.0))

@@ -222,8 +222,9 @@ def test_other_criteria_and_times_too_short_are_refused():
         mpm.factor_of_safety(scene, state, criterion="limit load", failure_displacement=0.5)
     with pytest.raises(ValueError, match="settle is given by the limit load"):
         mpm.factor_of_safety(scene, state, criterion="limit load", settle=mpm.Settle())
+    weightless = replace(scene, loads=replace(scene.loads, gravity=0 * scene.loads.gravity))
     with pytest.raises(ValueError, match="gravity = 0 m/s2"):
-        mpm.factor_of_safety(replace(scene, gravity=0 * scene.gravity), state, criterion="limit load")
+        mpm.factor_of_safety(weightless, state, criterion="limit load")
     with pytest.raises(ValueError, match=r"t_end = 1 s, but ground 6 m high takes 1.6 s to show that it moves"):
         mpm.factor_of_safety(scene, state, criterion="limit load", t_end=1.0)
     softening = mpm.Soil(young=1e5, strength=22e3, softening_modulus=2e3)

@@ -94,7 +94,7 @@ def test_derivatives_by_gravity_softening_and_starting_velocity():
         turned = jnp.stack([jnp.sin(angle), -jnp.cos(angle)]) * 9.81
         material = replace(scene.material, softening=replace(scene.material.softening, modulus=modulus * uneven))
         start = replace(state, velocity=state.velocity.at[0].add(push))
-        final, _ = mpm.replay(replace(scene, gravity=turned, material=material), start, 120)
+        final, _ = mpm.replay(replace(scene, loads=replace(scene.loads, gravity=turned), material=material), start, 120)
         return objectives.log_displacement(final)
 
     at = (0.02, float(scene.material.softening.modulus), 1e-3)

@@ -2,7 +2,7 @@
 
 import logging
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import jax
 import jax.numpy as jnp
@@ -132,9 +132,9 @@ def test_rate_effect_viscosity_and_body_force_leave_no_operation_behind():
     assert scene.material.viscosity is None
     assert len(jax.tree.leaves(thick)) == len(jax.tree.leaves((scene, state))) + 1
     assert count(program(*thick), "divide") == count(program(scene, state), "divide") + 1
-    assert scene.body_force is None
+    assert scene.loads.body_force is None
     assert count(program(scene, state), "sine") == 0
-    shaken = replace(scene, body_force=lambda x, t: jnp.zeros_like(x) + jnp.sin(t))
+    shaken = replace(scene, loads=replace(scene.loads, body_force=lambda x, t: jnp.zeros_like(x) + jnp.sin(t)))
     assert count(program(shaken, state), "sine") == 1
 
 
@@ -144,8 +144,8 @@ def test_water_is_absent_from_arguments_and_program_unless_given():
     dry, table, carried = (
         mpm.section(drawn, sand, NUMERICS, at_rest=False, **water) for water in ({}, {"water": 3.0}, {"r_u": 0.2})
     )
-    assert dry[0].water is None
-    assert dry[0].pore_pressure is None
+    assert dry[0].loads.water is None
+    assert dry[0].loads.pore_pressure is None
     leaves = [len(jax.tree.leaves(each)) for each in (dry, table, carried)]
     assert leaves == [leaves[0], leaves[0] + 4, leaves[0] + 1]
     text = program(*dry)
@@ -227,7 +227,7 @@ def test_motion_of_the_base_and_tied_sides_are_absent_unless_asked_for():
         mpm.section(drawn, sand, NUMERICS, at_rest=False, **given)
         for given in ({}, {"motion": motion}, {"ends": "tied"})
     )
-    assert (still[0].motion, still[0].boundary.tied) == (None, None)
+    assert (still[0].loads.motion, still[0].boundary.tied) == (None, None)
     leaves = [len(jax.tree.leaves(each)) for each in (still, shaken, tied)]
     assert leaves == [leaves[0], leaves[0] + 2, leaves[0]]
     text = program(*still)
@@ -267,6 +267,25 @@ def test_bedrock_is_no_argument_of_a_scene_on_a_level_base():
     )
     assert (level[0].boundary.base, level[0].boundary.cut) == (None, None)
     assert len(jax.tree.leaves(rock[0])) == len(jax.tree.leaves(level[0])) + 3
+
+
+def test_parts_that_a_scene_lacks_are_those_that_it_was_never_given():
+    scene, state = section()
+    assert [part.name for part in fields(mpm.Scene)] == [
+        "grid", "particles", "material", "numerics", "boundary", "loads", "free_field",
+    ]  # fmt: skip
+    bare = mpm.Scene(
+        scene.grid,
+        scene.particles,
+        scene.material,
+        mpm.Numerics(scene.numerics.time_step, scene.numerics.kernel),
+        mpm.Boundary(scene.boundary.walls),
+        mpm.Loads(scene.loads.gravity),
+    )
+    assert jax.tree.structure(bare) == jax.tree.structure(scene)
+    assert program(bare, state) == program(scene, state)
+    leaves = len(jax.tree.leaves((scene.particles, scene.material)))
+    assert len(jax.tree.leaves(scene)) == leaves + 2  # time step and gravity
 
 
 def test_columns_leave_nothing_in_state_or_program_unless_asked_for():

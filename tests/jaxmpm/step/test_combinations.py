@@ -107,7 +107,9 @@ def built(choice):
         speed=8.0,
     )
     if choice["body_force"]:
-        scene = replace(scene, body_force=lambda x, t: 0.1 * jnp.sin(3 * t) * jnp.ones_like(x))
+        scene = replace(
+            scene, loads=replace(scene.loads, body_force=lambda x, t: 0.1 * jnp.sin(3 * t) * jnp.ones_like(x))
+        )
     if choice["ends"] == "tied":
         planes = tuple(wall.index for wall in scene.boundary.walls if wall.axis == 0)
         walls = tuple(wall for wall in scene.boundary.walls if wall.axis != 0)

@@ -55,7 +55,7 @@ def test_free_block_keeps_its_momentum_and_moves_as_one(scheme):
     steps = 50
     result = mpm.advance(scene, state, jnp.asarray(steps))
     time = steps * float(scene.numerics.time_step)
-    expected = diagnostics.momentum(scene, state) + jnp.sum(scene.particles.mass) * scene.gravity * time
+    expected = diagnostics.momentum(scene, state) + jnp.sum(scene.particles.mass) * scene.loads.gravity * time
     assert np.allclose(diagnostics.momentum(scene, result), expected, rtol=5e-6)
     assert np.allclose(result.velocity - result.velocity[:, :1], 0, atol=2e-4)
 

@@ -81,7 +81,7 @@ def membrane(cell, poisson, cure):
     particles, state = jax.tree.map(lambda leaf: leaf[..., inside] if leaf.ndim else leaf, (scene.particles, state))
     particles = replace(particles, mass=particles.mass * share[inside], volume=particles.volume * share[inside])
     boundary = replace(scene.boundary, walls=(Wall(0, "low", 1, "fixed"),))
-    return replace(scene, particles=particles, boundary=boundary, body_force=pushed), state
+    return replace(scene, particles=particles, boundary=boundary, loads=replace(scene.loads, body_force=pushed)), state
 
 
 def deflection(scene, state):

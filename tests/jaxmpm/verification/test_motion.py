@@ -118,7 +118,7 @@ def test_stretching_block_has_the_stress_of_the_logarithmic_strain_and_no_crossi
     numerics = mpm.Discretisation(0.25, (0.125,), scheme=scheme, cfl=0.02)
     scene, state = mpm.block((2.0,), soil, numerics, domain=(8,), corner=(3.0,), speed=2.0)
     rate = 0.5
-    scene = replace(scene, body_force=lambda x, t: 0 * x)
+    scene = replace(scene, loads=replace(scene.loads, body_force=lambda x, t: 0 * x))
     state = replace(state, velocity=rate * (scene.particles.position - 4.0))
     final = mpm.solve(scene, state, t_end=0.1).raise_if_failed().state
     inner = jnp.abs(scene.particles.position[0] - 4.0) < 0.3  # not yet reached by the wave from the free ends
