@@ -193,6 +193,7 @@ class Scene:
     loads: Loads
     free_field: FreeField | None = None
 
+
 @pytree
 @dataclass(frozen=True)
 class FreeField:

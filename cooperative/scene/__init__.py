@@ -1,8 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._campaign import Campaign, Given, Hazard, Plan, check_samples
-from cooperative.scene._examples import NAMED, SCHEMA, begin, example, examples, starters, write_example
-from cooperative.scene._fields import CONTACT, CrossCorrelation, RandomField, TAIL
+from cooperative.scene._campaign import Campaign, Given, check_samples
 from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
     doubts,

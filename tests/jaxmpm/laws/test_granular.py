@@ -49,7 +49,7 @@ def test_a_layer_on_an_incline_keeps_the_published_profile():
     number = 0.279 * (np.tan(angle) - 0.38) / (0.64 - np.tan(angle))
     z = np.asarray(scene.particles.position[1])
     profile = 2 / 3 * number / 5.3e-4 * np.sqrt(0.6 * gravity) * (depth**1.5 - (depth - z) ** 1.5)
-    along = jnp.sign(scene.gravity[0])
+    along = jnp.sign(scene.loads.gravity[0])
     # A friction that is off by 0.01 changes the mean speed by 3 % within 0.3 s.
     flowing = replace(state, velocity=state.velocity.at[0].set(along * profile))
     after = mpm.solve(scene, flowing, t_end=0.3).raise_if_failed().state
