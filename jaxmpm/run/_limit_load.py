@@ -261,10 +261,11 @@ class Branches(NamedTuple):
         """Whether lanes are off the branch that stands.
 
         Below the meeting a bend may lie between the branches, as high as the other one gains within the resolution.
-        Beyond it a lane that has half of what the other branch gained is off.
+        Beyond it a lane that has half of what the other branch gained, and half of that at least, is off: what yields
+        below a jump bends as well.
         """
         past = factors - self.meeting
-        gained = self.beyond[0] * np.where(past > 0, past / 2, resolution)
+        gained = self.beyond[0] * np.where(past > 0, np.maximum(past, resolution) / 2, resolution)
         return displacements - np.polyval(self.below, factors) > gained
 
 

@@ -33,11 +33,14 @@ def test_the_kink_is_where_the_branches_meet_and_lies_in_its_bracket(turn, off, 
     assert kink.sharpness > 5
 
 
-@given(turn=some.floats(1.0, 1.5), off=some.floats(-0.1, 0.1), jump=some.floats(0.5, 5.0))
-def test_where_displacement_jumps_the_bracket_closes_on_the_jump(turn, off, jump):
-    kink = find_kink(
-        lambda factor: np.where(factor <= turn, 0.004 * factor, jump + 3 * (factor - turn)), turn * (1 + off), 0.01, 0.1
-    )
+@given(turn=some.floats(1.0, 1.5), off=some.floats(-0.1, 0.1), jump=some.floats(0.5, 5.0), yields=some.floats(0, 15))
+def test_where_displacement_jumps_the_bracket_closes_on_the_jump(turn, off, jump, yields):
+    """What yields below the jump bends before it, and is not off the branch that stands."""
+
+    def curve(factor):
+        return np.where(factor <= turn, 0.012 * np.exp(yields * (factor - turn)), jump + 3 * (factor - turn))
+
+    kink = find_kink(curve, turn * (1 + off), 0.01, 0.1)
     assert kink.stands <= turn < kink.moves
     assert kink.stands <= kink.at <= kink.moves
     assert kink.moves - kink.stands <= 0.0201
