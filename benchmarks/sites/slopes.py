@@ -71,7 +71,7 @@ def _acads() -> list[Case]:
     soil = FrictionalSoil(28.5e3, 20.0, unit_weight=18.84e3)
     band = [
         Layer(soil, [(0, 27), (64, 27)]),
-        Layer(FrictionalSoil(0.0, 10.0, unit_weight=18.84e3), [(0, 26.5), (64, 26.5)]),
+        Layer(FrictionalSoil(0.0, 10.0, unit_weight=18.84e3, unusual=True), [(0, 26.5), (64, 26.5)]),
         Layer(soil),
     ]
     plain, cells = FrictionalSoil(3e3, 19.6, unit_weight=20e3), (1.0, 0.5)

@@ -135,6 +135,7 @@ def write_geopackage(folder: Path, ground: StoredGround, maps: Maps) -> Iterator
     path = maps_path(folder, "hazard.gpkg")
     with aside(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # that its name ends otherwise for now
+        warnings.filterwarnings("ignore", "'crs' was not provided")  # a scene need not have a projection
         for layer, rows in (("contours", contours), ("deposits", deposits)):
             frame = geopandas.GeoDataFrame(rows, columns=list(rows[0]) if rows else ["geometry"], crs=ground.projection)
             frame.to_file(part, layer=layer, driver="GPKG")

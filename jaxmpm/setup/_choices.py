@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -152,18 +151,16 @@ def warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Gri
     if not isinstance(kernel, Linear):
         return
     if scheme is Scheme.USL:
-        warnings.warn(
+        check.warn(
             "kernel = Linear with scheme = USL: nodes that are nearly empty have no bounded velocity, and slides end "
-            "INVERTED; take MUSL, or GIMP",
-            stacklevel=3,
+            "INVERTED; take MUSL, or GIMP"
         )
     cells = np.asarray(locate(grid, jnp.asarray(particles.position)), float)
     near = np.any(abs(cells - np.round(cells)) < HATS_EDGE, axis=0)
     if near.any():
-        warnings.warn(
+        check.warn(
             f"kernel = Linear with {int(near.sum())} of {near.size} particles within {HATS_EDGE:g} cells of a cell's "
-            "face, where the slope of hats jumps: even a uniform motion strains them; move the particles, or take GIMP",
-            stacklevel=3,
+            "face, where the slope of hats jumps: even a uniform motion strains them; move the particles, or take GIMP"
         )
 
 

@@ -1,5 +1,7 @@
 """The benchmark of sites: its real terrain, its count of slides, and the rows that it keeps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def test_clay_is_nowhere_but_above_the_slip_surface():
     assert depth.min() == 0
     assert 45 < depth.max() < 60
     shape = mpm.Terrain(ground, base=sites_terrain.BASE)
-    layers = [mpm.Layer(sites_terrain.CLAY, slip), mpm.Layer(sites_terrain.ROCK)]
+    layers = [mpm.Layer(replace(sites_terrain.CLAY, unusual=True), slip), mpm.Layer(sites_terrain.ROCK)]
     numerics = mpm.Discretisation(24.0, (12.0,) * 3, dtype="float32")
     scene, _ = mpm.terrain(shape, layers, numerics, at_rest=False)
     position, volume = np.asarray(scene.particles.position, float), np.asarray(scene.particles.volume, float)

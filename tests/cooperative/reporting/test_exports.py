@@ -22,6 +22,9 @@ from cooperative.scene._files import packed
 from cooperative.store import Sample, open_store, read_sample, read_store, write_sample
 from tests.scenes import model_of
 
+# rioxarray multiplies transforms by an operator that their library is about to give up.
+pytestmark = pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
+
 UTM = (
     'PROJCS["WGS 84 / UTM zone 33N",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'
     'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],'

@@ -88,7 +88,8 @@ def test_a_sample_that_kills_dask_workers_is_given_up_and_the_others_go_on():
                 future.set_exception(WorkerLost(f"sample {number}"))
             return future
 
-    with pytest.warns(UserWarning, match=r"sample 3 lost its worker \(sample 3\): it runs again, alone"):
+    given_up = pytest.warns(UserWarning, match=r"it did so 3 times alone and is given up")
+    with given_up, pytest.warns(UserWarning, match=r"sample 3 lost its worker \(sample 3\): it runs again, alone"):
         got = {
             s.number: s.status for s in run_through(Workers(lambda: Killing({3}), 2), NOTHING, "rough", range(6), XI)
         }

@@ -67,7 +67,8 @@ def test_a_device_that_is_not_there_is_named(tmp_path, monkeypatch, capsys, erro
     monkeypatch.setattr("cooperative.campaign.run", nothing)
     monkeypatch.setenv("JAX_PLATFORMS", "cuda")
     (tmp_path / "short.toml").write_text(SHORT)
-    assert main(["run", str(tmp_path / "short.toml"), "--out", str(tmp_path / "out")]) == 2
+    with pytest.warns(UserWarning, match="a slide may reach the end of the ground"):
+        assert main(["run", str(tmp_path / "short.toml"), "--out", str(tmp_path / "out")]) == 2
     assert "error: JAX has no device on JAX_PLATFORMS = cuda" in capsys.readouterr().err
     assert main(["doctor"]) == 2
     assert "self-check:        NOT RUN: there is no device" in capsys.readouterr().out

@@ -190,7 +190,8 @@ def test_a_campaign_stops_by_signal_and_goes_on(number, code, after, made_up, tm
     with made_up.context() as patched:
         real = campaign.write_sample
         patched.setattr(campaign, "write_sample", write_sample)
-        assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == code
+        with pytest.warns(UserWarning, match="a slide may reach the end of the ground"):
+            assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == code
     printed = capsys.readouterr().err
     assert f"stopped by {signal.Signals(number).name}; what is finished is kept" in printed
     assert "Traceback" not in printed

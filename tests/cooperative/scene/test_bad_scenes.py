@@ -175,7 +175,8 @@ def test_no_workers_are_refused_before_the_folder_is_made(workers, tmp_path, cap
     for command in ("run", "sweep"):
         text = TINY if command == "run" else TINY + "[sweep]\nlx = [10.0]\n"
         scene.write_text(text)
-        assert main([command, str(scene), "--out", str(tmp_path / "out"), "--workers", str(workers)]) == 2
+        with pytest.warns(UserWarning, match="a slide may reach the end of the ground"):
+            assert main([command, str(scene), "--out", str(tmp_path / "out"), "--workers", str(workers)]) == 2
         assert capsys.readouterr().err == f"error: workers = {workers}: give 1 or more\n"
         assert not (tmp_path / "out").exists()
 
@@ -188,7 +189,8 @@ def test_a_scheduler_that_does_not_answer_is_named_before_the_folder_is_made(add
         monkeypatch.setattr(runs, name, lambda *_, **__: type("Invented", (), {"modes": 3, "counts": (3,)})())
     scene = tmp_path / "scene.toml"
     scene.write_text(TINY)
-    assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--dask", address]) == 2
+    with pytest.warns(UserWarning, match="a slide may reach the end of the ground"):
+        assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--dask", address]) == 2
     printed = capsys.readouterr().err.splitlines()[-1]
     assert printed.startswith(f"error: no Dask scheduler answers at {address!r} (")
     assert not (tmp_path / "out").exists()

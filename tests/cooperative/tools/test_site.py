@@ -211,13 +211,17 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
     ]
     lab = _csv(tmp_path / "lab.csv", "x [m],y [m],top [m],depth [m],su [kPa]\n" + "\n".join(rows))
     fitted = estimate_site([lab], Assumed(base=-2.0), boundaries=[])
-    written = write_site(fitted, tmp_path / "site", raster)
+    above_surface = r"values above the surface of .*hill.asc do not condition the field"
+    with pytest.warns(UserWarning, match=f"3 {above_surface}"):
+        written = write_site(fitted, tmp_path / "site", raster)
     campaign = parse(tmp_path / "site" / "scene.toml")
     assert tmp_path / "site" / "hill.asc" in written  # a scene names no file outside its folder
-    write_site(fitted, tmp_path, raster)
+    with pytest.warns(UserWarning, match=f"3 {above_surface}"):
+        write_site(fitted, tmp_path, raster)
     assert parse(tmp_path / "scene.toml").site.shape == campaign.site.shape
     (tmp_path / "site" / "hill.asc").write_text("another")
-    with pytest.raises(ValueError, match=r"site.hill.asc is there and is not .*hill.asc: move it away"):
+    refused = pytest.raises(ValueError, match=r"site.hill.asc is there and is not .*hill.asc: move it away")
+    with pytest.warns(UserWarning, match=f"3 {above_surface}"), refused:
         write_site(fitted, tmp_path / "site", raster)
     assert campaign.hazard is not None
     assert campaign.site.shape.extent[:2] == (32, 16)
@@ -236,13 +240,15 @@ def test_surface_makes_it_a_whole_scene(tmp_path):
     text = (tmp_path / "cpt.csv").read_text().replace("\n99,8,3,", "\n12,8,13,")
     (tmp_path / "above.csv").write_text(text)
     above = estimate_site([tmp_path / "above.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])
-    with pytest.warns(UserWarning, match=r"begins at 13 m, and .*hill.asc has the ground at 2\.\S+ m there: correct"):
+    begins = r"begins at 13 m, and .*hill.asc has the ground at 2\.\S+ m there: correct"
+    with pytest.warns(UserWarning, match=begins), pytest.warns(UserWarning, match=f"19 {above_surface}"):
         write_site(above, tmp_path / "above", raster)
     # A cut that the terrain model has and the sounding had not.
     assert not (tmp_path / "above" / "clay_1_strength.csv").exists()
     (tmp_path / "cut.csv").write_text(text.replace("\n12,8,13,", "\n12,8,5.5,"))
     cut = estimate_site([tmp_path / "cut.csv"], Assumed(n_kt=(14.0, 0.0), base=-2.0), boundaries=[])
-    with pytest.warns(UserWarning, match=r"values above the surface of .*hill.asc do not condition the field"):
+    begins = r"begins at 5.5 m, and .*hill.asc has the ground at 2\.\S+ m there: correct"
+    with pytest.warns(UserWarning, match=begins), pytest.warns(UserWarning, match=above_surface):
         write_site(cut, tmp_path / "cut", raster)
     rows = np.array(read_rows(tmp_path / "cut" / "clay_1_strength.csv"))
     assert 1.7 < rows[:, 2].max() <= 3.2
@@ -270,7 +276,8 @@ def test_the_walk_runs_as_written_on_files_in_a_national_grid(tmp_path):
     ]
     lab = _csv(tmp_path / "lab.csv", "x [m],y [m],top [m],depth [m],su [kPa]\n" + "\n".join(rows))
     given = ["site", lab, "--surface", raster, "--out", tmp_path / "site", "--base", "-2", "--layers"]
-    assert main([*map(str, given)]) in (0, None)
+    with pytest.warns(UserWarning, match=r"3 values above the surface of .*hill.asc do not condition the field"):
+        assert main([*map(str, given)]) in (0, None)
     campaign = parse(tmp_path / "site" / "scene.toml")
     assert campaign.site.origin == (2_600_100.0, 1_200_400.0)
     assert campaign.site.shape.walls == ((56.5, 88.5), (64.25, 80.25))
@@ -333,7 +340,8 @@ def test_lengths_to_sweep_differ(site):
 
 
 def test_command_needs_a_cone_factor_for_clay(tmp_path, capsys):
-    assert main(["site", str(PUBLIC / "polder.csv"), "--layers", "-2.5", "-7", "--out", str(tmp_path)]) == 2
+    with pytest.warns(UserWarning, match="u_2 of .* is not used, since no area ratio of the cone is known"):
+        assert main(["site", str(PUBLIC / "polder.csv"), "--layers", "-2.5", "-7", "--out", str(tmp_path)]) == 2
     assert "give --n-kt, such as 14" in capsys.readouterr().err
 
 

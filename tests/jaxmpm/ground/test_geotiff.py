@@ -155,7 +155,8 @@ def test_files_that_hold_less_than_they_say_are_refused(tmp_path):
         for offset in generator.integers(0, 600, 4):
             bytes_[offset] = generator.integers(256)
         (tmp_path / "any.tif").write_bytes(bytes_)
-        with contextlib.suppress(ValueError):
+        # Heights that no ground has are taken for holes with a warning, among 60 such files now and then.
+        with contextlib.suppress(ValueError), warnings.catch_warnings(action="ignore"):
             assert mpm.read_raster(tmp_path / "any.tif").heights.size <= 2 * heights.size
 
 

@@ -136,7 +136,7 @@ def test_the_stress_under_layers_is_their_weight():
 
 
 def test_a_strong_layer_does_not_yield():
-    layers = [mpm.Layer(drained(1e3, 20), [(0, 1), (20, 1)]), mpm.Layer(drained(1e9, 20))]
+    layers = [mpm.Layer(drained(1e3, 20), [(0, 1), (20, 1)]), mpm.Layer(drained(1e9, 20, unusual=True))]
     scene, state = mpm.section(FLAT, layers, HALVES)
     final = mpm.solve(mpm.reduced(scene, 3.0), state, t_end=1.0).raise_if_failed().state
     displacement = np.asarray(mpm.diagnostics.displacement(final))

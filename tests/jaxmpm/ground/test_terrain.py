@@ -65,7 +65,11 @@ def test_the_stress_under_a_tilted_plane_bears_what_lies_above():
 
 def test_layers_follow_the_surface_or_a_raster():
     rock = mpm.Raster(np.full((2, 2), 1.0), (0.0, 0.0), 16.0)
-    layers = [mpm.Layer(CLAY, depth=2.0), mpm.Layer(CLAY, rock), mpm.Layer(mpm.Soil(strength=1e9, young=2e7))]
+    layers = [
+        mpm.Layer(CLAY, depth=2.0),
+        mpm.Layer(CLAY, rock),
+        mpm.Layer(mpm.Soil(strength=1e9, young=2e7, unusual=True)),
+    ]
     shape, numerics = mpm.Terrain(TILTED, 0.0), on_cells(1.0)
     scene, _ = mpm.terrain(shape, layers, numerics, at_rest=False)
     x, y, z = np.asarray(scene.particles.position, float)

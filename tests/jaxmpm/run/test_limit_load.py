@@ -217,7 +217,7 @@ def test_where_soil_softens_both_criteria_mean_the_same():
 
 
 def test_other_criteria_and_times_too_short_are_refused():
-    soil = mpm.Soil(young=1e5, strength=22e3)
+    soil = mpm.Soil(young=1e5, strength=22e3, unusual=True)
     scene, state = mpm.slope(CUT, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
     with pytest.raises(ValueError, match="criterion = 'limit': give 'limit load', or a failure_displacement"):
         mpm.factor_of_safety(scene, state, criterion="limit")
@@ -230,7 +230,7 @@ def test_other_criteria_and_times_too_short_are_refused():
         mpm.factor_of_safety(weightless, state, criterion="limit load")
     with pytest.raises(ValueError, match=r"t_end = 1 s, but ground 6 m high takes 1.6 s to show that it moves"):
         mpm.factor_of_safety(scene, state, criterion="limit load", t_end=1.0)
-    softening = mpm.Soil(young=1e5, strength=22e3, softening_modulus=2e3)
+    softening = mpm.Soil(young=1e5, strength=22e3, softening_modulus=2e3, unusual=True)
     scene, state = mpm.slope(CUT, softening, mpm.Discretisation(1.0, (0.5, 0.5)))
     with pytest.raises(ValueError, match=r"t_end = 4 s, but soil this soft takes .* give [\d.]+ s or more"):
         mpm.factor_of_safety(scene, state, criterion="limit load", t_end=4.0)

@@ -1,5 +1,7 @@
 """The axial bar over several periods: how late it swings and what energy it loses, per scheme and kernel."""
 
+from contextlib import nullcontext
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -60,7 +62,10 @@ def test_dispersion_is_of_order_2_and_nothing_is_dissipated(kernel, scheme):
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("kernel", [mpm.GIMP, mpm.Linear])
 def test_updating_the_stress_last_dissipates_at_order_3(kernel):
-    _, losses, order_of_lag, order_of_loss = measured(kernel=kernel, scheme=mpm.Scheme.USL)
+    with (
+        pytest.warns(UserWarning, match="kernel = Linear with scheme = USL") if kernel is mpm.Linear else nullcontext()
+    ):
+        _, losses, order_of_lag, order_of_loss = measured(kernel=kernel, scheme=mpm.Scheme.USL)
     assert 1.95 < order_of_lag < 2.05
     assert 2.8 < order_of_loss < 3.3
     assert 1e-3 < losses[0] < 5e-3

@@ -18,7 +18,7 @@ from tests.verification import order
 YOUNG, POISSON, STRENGTH, SOFTENING, RATIO = 1e-3, 0.3, 3e-5, 1e-4, 0.5
 SHEAR = YOUNG / (2 * (1 + POISSON))
 LAME = 2 * SHEAR * POISSON / (1 - 2 * POISSON)
-ELASTIC = mpm.Soil(young=YOUNG, poisson=POISSON)
+ELASTIC = mpm.Soil(young=YOUNG, poisson=POISSON, unusual=True)
 CLAY = replace(ELASTIC, strength=STRENGTH, softening_modulus=SOFTENING, residual_ratio=RATIO, tension_cutoff=None)
 
 

@@ -1,5 +1,7 @@
 """A column settling under its own weight: displacement, stress and period against the closed form, with orders."""
 
+from contextlib import nullcontext
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -48,7 +50,9 @@ def orders(cells, errors):
 @pytest.mark.parametrize("scheme", list(mpm.Scheme))
 @pytest.mark.parametrize("kernel", [mpm.GIMP, mpm.Linear])
 def test_settlement_is_of_order_2_and_stress_constant_in_a_cell_of_order_1(kernel, scheme):
-    errors = [settled(n, kernel=kernel, scheme=scheme) for n in CELLS]
+    warns = (kernel, scheme) == (mpm.Linear, mpm.Scheme.USL)
+    with pytest.warns(UserWarning, match="kernel = Linear with scheme = USL") if warns else nullcontext():
+        errors = [settled(n, kernel=kernel, scheme=scheme) for n in CELLS]
     displacement, vertical, lateral = orders(CELLS, errors)
     assert displacement > 1.85
     assert vertical > 0.95
