@@ -28,14 +28,17 @@ from jaxmpm.equations import (
     pushed,
     update_stress,
 )
-from jaxmpm.transfer import momentum, velocity_gradient
-from jaxmpm.types import Scene, Scheme, State
+from jaxmpm.transfer import inside, locate, momentum, velocity_gradient
+from jaxmpm.types import Scene, Scheme, State, Status
 
 
 def step(scene: Scene, state: State, dt: Array) -> State:
-    """Advance by one time step.
+    """Advance by one time step: the motion, the count of steps that gives the time, and the status.
 
-    It is pure, differentiable and vmappable. Only the fields of motion change, not `step` and `status`.
+    It is pure, differentiable and vmappable. A lane that breaks off gets the reason as its status and keeps it,
+    whatever its motion, which then means nothing; so does one whose step is longer than an elastic wave takes through a
+    cell. `advance` stops a lane there, and checks the numbers of the scene beforehand. Columns that the state records
+    are looked at by `advance` alone.
 
     Sources: Sulsky, Chen and Schreyer (1994), doi:10.1016/0045-7825(94)90112-0 (method); Bardenhagen (2002),
     doi:10.1006/jcph.2002.7103 (USF, USL); Sulsky, Zhou and Schreyer (1995), doi:10.1016/0010-4655(94)00170-7 (MUSL).
@@ -48,11 +51,49 @@ def step(scene: Scene, state: State, dt: Array) -> State:
     Returns:
         State after the step.
     """
-    after = SCHEMES[scene.numerics.scheme](scene, state, dt, Maps(scene, grid_position(scene, state)))
-    if scene.free_field is None:
-        return after
-    low, high = (step(column, own, dt) for column, own in beyond_ends(scene, state))
-    return replace(after, free_field=(low, high))
+    after = stepped(scene, state, dt)
+    wave2 = jnp.max(scene.material.p_wave_modulus * (scene.particles.volume / scene.particles.mass))
+    unstable = (after.status == Status.RUNNING) & ~(dt**2 * wave2 <= scene.grid.cell**2)
+    return replace(after, status=jnp.where(unstable, int(Status.TIME_STEP_TOO_LARGE), after.status))
+
+
+def stepped(scene: Scene, state: State, dt: Array) -> State:
+    """The state after a step of dt (s), whose length is taken as right."""
+    after = moved(scene, state, dt)
+    if scene.free_field is not None:
+        low, high = (moved(column, own, dt) for column, own in beyond_ends(scene, state))
+        after = replace(after, free_field=(low, high))
+    status = lane_status(scene, jax.lax.stop_gradient(after), dt)
+    return replace(after, step=state.step + 1, status=jnp.where(state.status > Status.DECIDED, state.status, status))
+
+
+def moved(scene: Scene, state: State, dt: Array) -> State:
+    """The state with the motion of a step of dt (s)."""
+    return SCHEMES[scene.numerics.scheme](scene, state, dt, Maps(scene, grid_position(scene, state)))
+
+
+def lane_status(scene: Scene, state: State, dt: Array) -> Array:
+    """Status of a running lane after a step: RUNNING, or the reason to end.
+
+    It compares extremes over the particles, which propagate NaN: every comparison with NaN is false.
+
+    Args:
+        scene: of the lane.
+        state: after the step.
+        dt: time step (s).
+
+    Returns:
+        () int32.
+    """
+    cells = locate(scene.grid, grid_position(scene, state))
+    ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
+    speed2 = jnp.max(jnp.sum(state.velocity**2, axis=0))
+    finite = jnp.isfinite(speed2) & jnp.all(jnp.isfinite(ends))
+    slow = speed2 * dt**2 < scene.grid.cell**2
+    status = jnp.where(slow, Status.RUNNING, Status.TIME_STEP_TOO_LARGE)
+    status = jnp.where(jnp.min(state.volume_ratio) > 0, status, Status.INVERTED)
+    status = jnp.where(jnp.all(inside(scene.grid, ends)), status, Status.OUTSIDE_GRID)
+    return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
 
 
 def update_stress_first(scene: Scene, state: State, dt: Array, maps: Maps) -> State:

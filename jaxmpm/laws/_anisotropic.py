@@ -192,6 +192,6 @@ def _root(given: _Step) -> Array:
     low = jnp.broadcast_to(fixed.before, jnp.shape(fixed.trial[0]))
     one = jnp.ones_like(low)
     *_, x = jax.lax.fori_loop(0, ROUNDS, narrowed, (low, one, low))
-    beyond = ~(fixed.residual(one) <= 0)
+    beyond = fixed.residual(one) > 0
     _, slope = jax.jvp(fixed.residual, (x,), (one,))
     return jnp.where(beyond, 1.0, x - given.residual(x) / jnp.where(slope == 0, 1, slope))

@@ -140,7 +140,7 @@ class DruckerPrager(Law):
         if self.tension_cutoff is not None:
             largest = jnp.minimum(largest, self.tension_cutoff)
         on_cone = p - self.bulk * dilation * flow
-        cut = on_cone > largest
+        cut = ~(on_cone <= largest)  # also where a number is NaN, which so reaches the stress
         mean_stress = jnp.where(cut, largest, on_cone)
         shear_stress = jnp.where(
             cut, jnp.minimum(q, jnp.maximum(intercept - slope * largest, 0)), q - self.shear * flow

@@ -109,7 +109,9 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
         best = tuple(jnp.where(better, new, old) for new, old in zip(y, best, strict=True))
         least = jnp.where(better, worse, least)
     elastic = f13 <= 0 if tension is None else (f13 <= 0) & (x1 <= tension)
-    drop = [jnp.where(elastic, 0, xi - yi) for xi, yi in zip(x, best, strict=True)]
+    # A number that is NaN, such as that of the cutoff, makes every violation NaN, and reaches the stress.
+    unknown = jnp.where(jnp.isnan(least), jnp.nan, 0)
+    drop = [jnp.where(elastic, 0, xi - yi + unknown) for xi, yi in zip(x, best, strict=True)]
     m = sum(drop) / 3
     deviatoric = [(d - m) / (2 * shear) for d in drop]
     return drop[0], drop[1], drop[2], safe_sqrt(2 * (deviatoric[0] ** 2 + deviatoric[1] ** 2 + deviatoric[2] ** 2))

@@ -65,7 +65,7 @@ class Softening:
         Returns:
             Increment dg.
         """
-        stable = shear > self.modulus
+        stable = ~(shear <= self.modulus)
         sloping = (trial - self.strength(peak, g)) / jnp.where(stable, shear - self.modulus, 1.0)
         flat = (trial - self.residual_ratio * peak) / shear
         return jnp.where(stable, jnp.minimum(sloping, flat), flat)

@@ -176,12 +176,12 @@ class J2(Law):
             resistance = self.shear if self.viscosity is None else self.shear + self.viscosity / dt
         if self.softening is None or history is None:
             strength = self.strength * rate
-            yielding = t > strength
+            yielding = ~(t <= strength)  # also where the strength is NaN, which so reaches the stress
             if self.viscosity is not None:
                 strength = t - self.shear / resistance * (t - strength)
         else:
             current = self.softening.strength(self.strength, history) * rate
-            yielding = t > current
+            yielding = ~(t <= current)
             flow = self.softening.flow(self.strength, history, t / rate, resistance / rate)
             dg = jnp.where(yielding, jnp.maximum(flow, 0), 0)
             strength = jnp.where(yielding, t - self.shear * dg, current)

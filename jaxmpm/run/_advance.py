@@ -11,38 +11,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm._step import step
-from jaxmpm.equations import grid_position
+from jaxmpm._step import stepped
 from jaxmpm.laws import hardens, snaps_back
 from jaxmpm.run._columns import recorded
 from jaxmpm.support import check
-from jaxmpm.transfer import inside, locate
 from jaxmpm.types import Scene, State, Status
 
 Result = TypeVar("Result")
-
-
-def lane_status(scene: Scene, state: State) -> Array:
-    """Status of a running lane after a step: RUNNING, or the reason to end.
-
-    It compares extremes over the particles, which propagate NaN: every comparison with NaN is false.
-
-    Args:
-        scene: of the lane.
-        state: after the step.
-
-    Returns:
-        () int32.
-    """
-    cells = locate(scene.grid, grid_position(scene, state))
-    ends = jnp.stack([jnp.min(cells, axis=1), jnp.max(cells, axis=1)], axis=1)
-    speed2 = jnp.max(jnp.sum(state.velocity**2, axis=0))
-    finite = jnp.isfinite(speed2) & jnp.all(jnp.isfinite(ends))
-    slow = speed2 * scene.numerics.time_step**2 < scene.grid.cell**2
-    status = jnp.where(slow, Status.RUNNING, Status.TIME_STEP_TOO_LARGE)
-    status = jnp.where(jnp.min(state.volume_ratio) > 0, status, Status.INVERTED)
-    status = jnp.where(jnp.all(inside(scene.grid, ends)), status, Status.OUTSIDE_GRID)
-    return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
 
 
 def begun(scene: Scene, state: State) -> State:
@@ -78,8 +53,7 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
     state = begun(scene, state)
 
     def advanced(old: State) -> State:
-        new = step(scene, old, scene.numerics.time_step)
-        return replace(new, step=old.step + 1, status=lane_status(scene, new))
+        return stepped(scene, old, scene.numerics.time_step)
 
     def frozen_unless_running(_: object, old: State) -> State:
         new = advanced(old)

@@ -8,7 +8,7 @@ branch of each particle's law.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -16,13 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm._step import step
-from jaxmpm.run._advance import begun, lane_status, running
+from jaxmpm._step import stepped
+from jaxmpm.run._advance import begun, running
 from jaxmpm.run._checks import check_state
 from jaxmpm.support import check
 from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
-from jaxmpm.types import Scene, State, Status
+from jaxmpm.types import Scene, State
 
 # Memory of reversing one step, in sizes of the state, and what friction and finite strains add, whose principal values
 # need many rotations: measured in two and three dimensions, see tests/jaxmpm/run/test_replay.py.
@@ -93,7 +93,7 @@ def _maps_to_nodes(primitive: object, *_: object, **__: object) -> bool:
 
 def _nodal_bytes(scene: Scene, state: State) -> int:
     """Bytes of what the particles map to the nodes in a step."""
-    equations = jax.make_jaxpr(step)(scene, state, scene.numerics.time_step).eqns
+    equations = jax.make_jaxpr(stepped)(scene, state, scene.numerics.time_step).eqns
     given = [out.aval for e in equations if _maps_to_nodes(e.primitive) for out in e.outvars]
     return sum(array.size * array.dtype.itemsize for array in given)
 
@@ -157,10 +157,7 @@ def replay(
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))
 
     def one(old: State) -> State:
-        new = replace(step(scene, old, scene.numerics.time_step), step=old.step + 1)
-        # A lane may break off and come back, such as soil that leaves the grid and falls into it.
-        status = jnp.where(old.status == Status.RUNNING, lane_status(scene, jax.lax.stop_gradient(new)), old.status)
-        new = replace(new, status=status)
+        new = stepped(scene, old, scene.numerics.time_step)
         if last is None:
             return new
         going = old.step < last

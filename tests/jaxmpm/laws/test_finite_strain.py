@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import jaxmpm as mpm
 from jaxmpm import diagnostics, tensors
+from jaxmpm._step import lane_status
 from jaxmpm.equations import Maps, update_stress
-from jaxmpm.run._advance import lane_status
 from tests.differences import check_run
 
 K, G, PEAK, SLOPE, RATIO = 8e6, 3e6, 40e3, 85e3, 0.5
@@ -232,4 +232,4 @@ def test_the_energy_of_a_block_that_vibrates_by_a_tenth_is_conserved():
 def test_soil_that_inverts_ends_its_lane():
     scene, state = point(ELASTIC, d=2)
     through = deformed(scene, state, jnp.asarray([[[1.0, 0.0], [0.0, -0.2]]]))
-    assert int(lane_status(scene, through)) == mpm.Status.INVERTED
+    assert int(lane_status(scene, through, scene.numerics.time_step)) == mpm.Status.INVERTED
