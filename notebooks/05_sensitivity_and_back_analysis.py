@@ -80,7 +80,8 @@ print(f"{steps} steps: d log u / d log S = {derivative:.2f} by reverse mode, {di
 # depend on how many particles the soil is cut into.
 
 # %%
-value, by_particle = mpm.strength_sensitivity(scene, state, steps, objectives.log_displacement)
+value, by = mpm.sensitivity(scene, state, objectives.log_displacement, ["strength"], steps=steps)
+by_particle = by["strength"]
 density = np.asarray(by_particle / scene.particles.volume) * 1e3
 position, half_size = np.asarray(scene.particles.position), model.half_size
 final = mpm.replay(scene, state, steps)[0]
@@ -214,7 +215,7 @@ print(f"mean error of the recovered strength: {100 * error:.1f} %")
 # ## What to remember
 #
 # - `mpm.replay(scene, state, steps)` is a run with derivatives; `steps` is what `solve` took.
-# - `mpm.strength_sensitivity` is the map of what matters, in one reverse run.
+# - `mpm.sensitivity` is the map of what matters, in one reverse run.
 # - `cooperative.tools.research.back_analysis.recover` finds what made a slide, and names what the data do not show.
 
 # %%

@@ -26,16 +26,20 @@ def check_run(run: Callable[..., jax.Array], scene: mpm.Scene, at: Sequence, ste
     np.testing.assert_allclose(other, value, rtol=1e-11)
 
 
+def by_shares(function: Callable[..., jax.Array], at: Mapping[str, float], step: float = 1e-5) -> np.ndarray:
+    """Central differences of a function of named numbers by a factor on each, over `step` either way."""
+    names, n = list(at), len(at)
+
+    def varied(factors: jax.Array) -> jax.Array:
+        return function({name: at[name] * factor for name, factor in zip(names, factors, strict=True)})
+
+    lanes = jnp.concatenate([jnp.ones((n, n)) + step * jnp.eye(n), jnp.ones((n, n)) - step * jnp.eye(n)])
+    ahead, behind = jnp.split(jax.jit(jax.vmap(varied))(lanes), 2)
+    return np.asarray((ahead - behind) / (2 * step))
+
+
 def check_derivatives(function: Callable[..., jax.Array], at: Mapping[str, float], tolerance: float) -> None:
-    """Assert that the gradient of `function` by each named number, times the number, is that of central differences, to
-    a share of the largest of them."""
-    names, values = list(at), jnp.asarray(list(at.values()))
-
-    def of_shares(shares: jax.Array) -> jax.Array:
-        return function(dict(zip(names, values * shares, strict=True)))
-
-    ones, step = jnp.ones(len(names)), 1e-5
-    lanes = jnp.concatenate([ones + step * jnp.eye(len(names)), ones - step * jnp.eye(len(names))])
-    ahead, behind = jnp.split(jax.vmap(of_shares)(lanes), 2)
-    differences = np.asarray((ahead - behind) / (2 * step))
-    np.testing.assert_allclose(jax.grad(of_shares)(ones), differences, atol=tolerance * abs(differences).max(), rtol=0)
+    """Assert that gradients by named numbers, times the number, are differences, to a share of the largest of them."""
+    differences, gradients = by_shares(function, at), jax.jit(jax.grad(function))(dict(at))
+    slopes = [float(gradients[name]) * at[name] for name in at]
+    np.testing.assert_allclose(slopes, differences, atol=tolerance * abs(differences).max(), rtol=0)

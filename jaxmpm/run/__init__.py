@@ -10,7 +10,7 @@ from jaxmpm.run._integrate import Result, solve
 from jaxmpm.run._lanes import lanes
 from jaxmpm.run._limit_load import least_failing_volume, limit_load_scene
 from jaxmpm.run._many import solve_each
-from jaxmpm.run._sensitivity import strength_sensitivity
+from jaxmpm.run._sensitivity import sensitivity
 from jaxmpm.run._stopping import Settle
 from jaxmpm.run._strength_reduction import FactorOfSafety, factor_of_safety, reduced
 
@@ -36,8 +36,8 @@ __all__ = [
     "reduced",
     "repeat",
     "replay",
+    "sensitivity",
     "solve",
     "solve_each",
-    "strength_sensitivity",
     "with_columns",
 ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -121,6 +122,8 @@ def replay(
     The status of a lane that breaks off shows it (see `Status`), and its derivatives have no meaning; those of other
     lanes under `jax.vmap(jax.grad(...))` are not affected. Mask after differentiating, not before.
 
+    It is compiled once for each number of steps and each `observe`, so give the same function at every call.
+
     Args:
         scene: to run.
         state: at the start, as for `solve`.
@@ -152,6 +155,20 @@ def replay(
     check_state(scene, state, None)
     if state.columns is not None:
         raise ValueError("replay records no columns: give it a state without, replace(state, columns=None), or solve")
+    return _replayed(scene, state, limit, steps=steps, observe=observe, every=every, memory=float(memory))
+
+
+@partial(jax.jit, static_argnames=("steps", "observe", "every", "memory"))
+def _replayed(
+    scene: Scene,
+    state: State,
+    limit: Array | None,
+    *,
+    steps: int,
+    observe: Callable[[State], Any] | None,
+    every: int,
+    memory: float,
+) -> tuple[State, Any]:
     state = begun(scene, running(state))
     last = None if limit is None else state.step + limit
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))

@@ -1,9 +1,10 @@
-"""Sensitivity to strength within a slope: one reverse run, one derivative per particle."""
+"""Sensitivity to the numbers of a law within a slope: one reverse run, one derivative per particle and number."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -16,41 +17,67 @@ from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
 
-def strength_sensitivity(
-    scene: Scene, state: State, steps: int, objective: Callable[[State], Array], *, memory: float = 2e9
-) -> tuple[Array, Array]:
-    """Value of an objective after a run, and its derivative by the strength of every particle.
+def sensitivity(
+    scene: Scene,
+    state: State,
+    objective: Callable[[State], Array],
+    parameters: Collection[str] | None = None,
+    *,
+    steps: int,
+    memory: float = 2e9,
+) -> tuple[Array, dict[str, Array]]:
+    """Value of an objective after a run, and its derivatives by numbers of the law at every particle.
 
-    Divided by a particle's volume the derivative does not depend on the number of particles.
+    One reverse run gives all of them. Divided by a particle's volume a derivative does not depend on the number of
+    particles. The start is held: the stress at rest does not follow a stiffness here. It is compiled once for each
+    objective, set of parameters and number of steps.
 
     Args:
-        scene: with a law that has a strength.
+        scene: with a law of any kind.
         state: at the start.
-        steps: a Python integer.
         objective: State -> scalar, for example `objectives.soft_largest_displacement`.
+        parameters: names of numbers that the law declares, as `laws.declared` lists them, of a part also with a dot;
+            None for all of them.
+        steps: a Python integer.
         memory: bytes that reverse mode may use.
 
     Returns:
-        Value (), and derivative (N,) per Pa.
+        Value (), and by the names given the derivatives (N,) per unit of each number, of an angle per radian; 0 at
+        particles of zones whose law does not have it.
 
     Raises:
-        ValueError: If the material has no strength, a number is beyond its limit, or as for `replay`.
+        ValueError: If the law has no such number, one is beyond its limit, or as for `replay`.
         FloatingPointError: If the run breaks off.
     """
-    known = declared(scene.material).get("strength")
-    if known is None:
-        raise ValueError(
-            f"{type(scene.material).__name__} has no strength: give a J2 material, as `Soil(strength=..)` makes"
-        )
-
-    def reached(strength: Array) -> tuple[Array, Array]:
-        varied = replace(scene, material=with_parameters(scene.material, {known.path: strength}))
-        end, _ = replay(varied, state, steps, memory=memory)
-        return objective(end), end.status
-
+    known = declared(scene.material)
+    by_name = {**{each.path: each for each in known.values()}, **known}
+    names = sorted(known if parameters is None else parameters)
+    if unknown := sorted(set(names) - by_name.keys()):
+        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {list(known)}")
     check_scene(scene)
-    strength = jnp.broadcast_to(known.value, scene.particles.mass.shape)
-    (value, status), derivative = jax.jit(jax.value_and_grad(reached, has_aux=True))(strength)
+    values = {name: jnp.broadcast_to(by_name[name].value, scene.particles.mass.shape) for name in names}
+    paths = tuple(by_name[name].path for name in names)
+    (value, status), derivatives = _derivatives(
+        values, scene, state, paths=paths, objective=objective, steps=steps, memory=memory
+    )
     if not check.is_traced(status) and int(status) > Status.DECIDED:
         raise FloatingPointError(f"the run breaks off within {steps} steps ({Status(int(status)).name}): give fewer")
-    return value, derivative
+    return value, derivatives
+
+
+@partial(jax.jit, static_argnames=("paths", "objective", "steps", "memory"))
+@partial(jax.value_and_grad, has_aux=True)
+def _derivatives(
+    values: dict[str, Array],
+    scene: Scene,
+    state: State,
+    *,
+    paths: tuple[str, ...],
+    objective: Callable[[State], Array],
+    steps: int,
+    memory: float,
+) -> tuple[Array, Array]:
+    """Objective and status; `paths` are those of the names, which are sorted, as JAX sorts those of a dict."""
+    varied = replace(scene, material=with_parameters(scene.material, dict(zip(paths, values.values(), strict=True))))
+    end, _ = replay(varied, state, steps, memory=memory)
+    return objective(end), end.status

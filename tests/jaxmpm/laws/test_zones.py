@@ -192,7 +192,8 @@ def test_gradients_by_the_strength_of_both_kinds_are_those_of_differences():
             up, down = (reached({**values, name: value + sign * step}) for sign in (1, -1))
             assert float(slope[name]) == pytest.approx(float((up - down) / (2 * step)), rel=1e-3)
             assert float(slope[name]) != 0
-        total, each = mpm.strength_sensitivity(scene, state, 40, objective)
+        total, by = mpm.sensitivity(scene, state, objective, ["strength"], steps=40)
+        each = by["strength"]
         assert float(total) > 0
         assert not np.any(each[: scene.material.counts[0]])
         assert np.any(each[scene.material.counts[0] :])

@@ -52,7 +52,7 @@ def test_one_bad_particle_is_refused_on_the_host(section, value):
     with pytest.raises(ValueError, match=r"strength = .* at \[3\]"):
         mpm.factor_of_safety(spoilt(scene, value), state)
     with pytest.raises(ValueError, match=r"strength = .* at \[3\]"):
-        mpm.strength_sensitivity(spoilt(scene, value), state, 2, mpm.diagnostics.largest_displacement)
+        mpm.sensitivity(spoilt(scene, value), state, mpm.diagnostics.largest_displacement, steps=2)
     with pytest.raises(ValueError, match=r"strength = .* at \[3\]"):
         next(mpm.solve_each(spoilt(scene, value), state, {"young": [5e6]}, width=1, t_end=0.1))
 

@@ -171,7 +171,7 @@ def test_soil_that_leaves_the_grid_and_comes_back_has_broken_off():
     assert final.status == mpm.Status.OUTSIDE_GRID
     assert mpm.replay(scene, state, int(result.state.step) - 1)[0].status == mpm.Status.RUNNING
     with pytest.raises(FloatingPointError, match="OUTSIDE_GRID"):
-        mpm.strength_sensitivity(scene, state, back, mpm.diagnostics.largest_displacement)
+        mpm.sensitivity(scene, state, mpm.diagnostics.largest_displacement, ["strength"], steps=back)
 
 
 @pytest.mark.parametrize("steepest", [0.5, 0.7])
@@ -183,9 +183,9 @@ def test_derivatives_of_soil_that_softens_steeply_and_does_not_yield_are_finite(
     )  # fmt: skip
     shape = mpm.Section([(0, 8), (8, 8), (16, 4), (24, 4)])
     scene, state = mpm.section(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
-    _, derivative = mpm.strength_sensitivity(scene, state, 60, objectives.soft_largest_displacement)
-    assert np.isfinite(np.asarray(derivative)).all()
-    assert np.count_nonzero(np.asarray(derivative)) > 50
+    _, by = mpm.sensitivity(scene, state, objectives.soft_largest_displacement, steps=60)
+    assert all(np.isfinite(np.asarray(derivative)).all() for derivative in by.values())
+    assert np.count_nonzero(np.asarray(by["strength"])) > 50
 
 
 def test_a_lane_stays_where_its_recorded_number_of_steps_ends():
@@ -204,7 +204,8 @@ def test_a_lane_stays_where_its_recorded_number_of_steps_ends():
 @pytest.mark.usefixtures("x64")
 def test_where_strength_matters_against_central_differences():
     scene, state = slide()
-    value, map_ = mpm.strength_sensitivity(scene, state, 200, objectives.soft_largest_displacement)
+    value, by = mpm.sensitivity(scene, state, objectives.soft_largest_displacement, ["strength"], steps=200)
+    map_ = by["strength"]
     strength = jnp.broadcast_to(scene.material.strength, scene.particles.mass.shape)
 
     @jax.jit
@@ -318,5 +319,5 @@ def test_bad_objectives_are_refused():
     with pytest.raises(ValueError, match="moved = 0 m"):
         objectives.runout(scene, state, 10.0, moved=0.0)
     elastic, rest = mpm.column(4.0, mpm.Soil(), mpm.Discretisation(1.0, (0.5, 0.5)))
-    with pytest.raises(ValueError, match="Elastic has no strength"):
-        mpm.strength_sensitivity(elastic, rest, 10, mpm.diagnostics.largest_displacement)
+    with pytest.raises(ValueError, match=r"\['strength'\] is no parameter of Elastic: give some of \['bulk'"):
+        mpm.sensitivity(elastic, rest, mpm.diagnostics.largest_displacement, ["strength"], steps=10)
