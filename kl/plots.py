@@ -41,7 +41,7 @@ def slices(
     inside = len(point) == 3 and all(0 <= n < size for n, size in zip(point, values.shape, strict=True))
     require(inside, f"at = {point} is no point of a lattice of shape {values.shape}: give three numbers from 0")
     i, j, k = point
-    figure = Figure(figsize=(11, 3.2), layout="constrained")
+    figure = Figure(figsize=(11, 3.2), layout="constrained", dpi=144)
     panels = figure.subplots(1, 3)
     sections = (
         (x, z, values[:, j, :], "x (m)", "z (m)", f"y = {y[j]:g} m"),
@@ -83,7 +83,7 @@ def correlation(
     counts = [len(lags), len(estimates), len(targets)]
     require(counts == [counts[0]] * 3 and len(names) >= counts[0], f"{counts} lags, estimates and targets: one an axis")
     require(samples >= 1, f"samples = {samples}: give the number of realisations, 1 or more")
-    figure = Figure(figsize=(4 * len(lags), 3.2), layout="constrained")
+    figure = Figure(figsize=(4 * len(lags), 3.2), layout="constrained", dpi=144)
     panels = np.atleast_1d(figure.subplots(1, len(lags), sharey=True))
     for panel, lag, estimate, target, name in zip(panels, lags, estimates, targets, names, strict=False):
         lag, target = np.asarray(lag), np.asarray(target)
@@ -106,7 +106,7 @@ def spectrum(expansion: Expansion) -> Figure:
     Returns:
         Figure.
     """
-    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    figure = Figure(figsize=(8, 3.2), layout="constrained", dpi=144)
     left, right = figure.subplots(1, 2)
     for number, modes in enumerate(expansion.axes):
         fractions = np.asarray(modes.fractions)
