@@ -206,15 +206,15 @@ def _opened(
             models = {grid: runs.build(unmeasured, grid, soil, folder=folder) for grid in grids}
             for model in models.values() if verify else ():
                 runs.verify_initial(folder, model)
-        with open_store(folder, source, verify=verify, grids=grids) as store, runs.bars(folder, progress) as bar:
+        with open_store(folder, source, verify=verify, look=stop.look) as store, runs.bars(folder, progress) as bar:
             with stop.at_once():
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
                 if campaign.raised is not None:
-                    write_budget(folder, campaign.raised)
+                    write_budget(store, campaign.raised)
                 if slides_t_end is not None:
-                    write_slides_end(folder, slides_t_end)
-                campaign = measure(campaign, folder, models["rough"].soil.counts, models)
+                    write_slides_end(store, slides_t_end)
+                campaign = measure(campaign, store, models["rough"].soil.counts, models)
                 models = {grid: model.with_measured(campaign) for grid, model in models.items()}
                 runs.keep_ground(folder, models)
             yield Runner(campaign, models, store, pool, stop, bar)

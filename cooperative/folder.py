@@ -5,7 +5,6 @@ Its scene is read only where one is missing.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import warnings
 from collections.abc import Mapping
@@ -19,17 +18,26 @@ from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
 from cooperative.names import DRAWN_SLIDES
 from cooperative.scene import Campaign, Given, campaign_of
-from cooperative.store import GRIDS, Rows, Store, read_sample, read_store
+from cooperative.store import (
+    GRIDS,
+    Rows,
+    Store,
+    contents_sum,
+    read_sample,
+    read_store,
+    store_text,
+    stored_text,
+)
+from cooperative.store import (
+    SUMMARY as STORED,
+)
 from cooperative.summary import Summary, summarise
 from jaxmpm.support import files
 
 SUMMARY = "summary.json"
-MOST_BYTES = 2**26
-"""Largest size (bytes) of a summary, or of what it is made from."""
-CHECKSUM = "checksum"
-"""Key of a summary that records whether it is whole, and of which rows."""
-MADE_FROM = ("measured.json", "budget.json", "slides.json")
-"""Files of a campaign's folder that hold what its scene and rows do not."""
+"""The summary as a file, for other programs; the one in the database is read."""
+MADE_FROM = "made_from"
+"""Key of a summary in the database that has the checksum of what else is there."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +151,7 @@ def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> Non
         OSError: the disk refuses.
     """
     store, fields = results.store, results.summary.as_json()
-    fields[CHECKSUM] = _checksum(store, results.rough, results.refined, fields)
+    store_text(store, STORED, json.dumps({MADE_FROM: contents_sum(store), **fields}))
     files.write_aside(store.folder / SUMMARY, json.dumps(fields, indent=1).encode())
     grid, _ = results.drawn()
     own = {each: read_sample(store, grid, each[1]).coefficients for each in results.soils()}
@@ -151,28 +159,17 @@ def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> Non
     runs.keep_drawn(store.folder, {each: runs.soil_of(models[each[0]], xi) for each, xi in own.items() if xi.size})
 
 
-def _stored(store: Store, rough: Rows, refined: Rows) -> Summary | None:
-    """The summary that the folder keeps, None where it is not whole, or not of just these rows."""
+def _stored(store: Store, *grids: Rows) -> Summary | None:
+    """The summary that the database holds, None where it is not of just what else is there."""
+    if any(rows.damaged for rows in grids):
+        return None
     try:
-        text = files.read_plain(store.folder / SUMMARY, MOST_BYTES)
-        fields = json.loads(text)
-        if fields.pop(CHECKSUM) == _checksum(store, rough, refined, fields):
+        text = stored_text(store.folder, STORED)
+        if text is not None and json.loads(text)[MADE_FROM] == contents_sum(store):
             return Summary.from_json(text)
-    except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError):
-        pass
+    except (ValueError, TypeError, KeyError, RecursionError):
+        pass  # of another version, or damaged: the rows give it again
     return None
-
-
-def _checksum(store: Store, rough: Rows, refined: Rows, fields: dict[str, object]) -> str:
-    """SHA-256 of the fields of a summary and of all that it was made from."""
-    digest = hashlib.sha256("\0".join((store.digest, json.dumps(fields, sort_keys=True))).encode())
-    for name in MADE_FROM:
-        path = store.folder / name
-        digest.update(files.read_plain(path, MOST_BYTES) if path.exists() else b"")
-    for rows in (rough, refined):
-        for name, values in sorted(rows.columns.items()):
-            digest.update(f"{name} {values.dtype} {values.size}".encode() + np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
 
 
 def models_of(campaign: Campaign) -> dict[str, runs.GridModel]:

@@ -1,18 +1,21 @@
 """Files that nobody should trust: damaged by chance, and made by hand to be read for what they are not.
 
-`damaged` gives flipped, cut and overwritten copies of a file. `hand_made` puts things where a sample file is expected:
-files with a seal that is right and contents that lie, links, folders, pipes. Each has to be noticed as damaged, hang
-nothing, and lead nowhere: baits lie outside the campaign's folder, and nothing may read or change them.
+`damaged` gives flipped, cut and overwritten copies of a file. `hand_made` makes a campaign's folder lie: a database
+with other tables or rows whose checksums are right and whose values are not, journals that name other files, files of
+fields that refer elsewhere, links, folders, pipes. Each has to be noticed, hang nothing, and lead nowhere: baits lie
+outside the campaign's folder, and nothing may read or change them.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 import re
 import socket
-import struct
+import sqlite3
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,13 +23,16 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from cooperative.store import DATABASE, fields_path, read_store
+from cooperative.store._database import OF_SUPER_JOURNAL, checksum, columns_of
 from jaxmpm.support import hdf5
 
 BAIT = 31337.0
 """The number that the baits are full of: where it turns up, something outside was read."""
 
 Change = Callable[[h5py.File], None]
-Maker = Callable[[Path, bytes], None]
+Maker = Callable[[Path], None]
+"""Has the folder of a campaign lie."""
 
 
 @dataclass(frozen=True)
@@ -134,68 +140,89 @@ def replacements_of(name: str, baits: Baits) -> dict[str, Change]:
     return {f"{name}: {how}": partial(put, make) for how, make in makes.items()}
 
 
-def _sample_lies(baits: Baits) -> dict[str, Change]:
-    """What only a sample file can misstate: its row, its groups, its own description."""
+def lie(folder: Path, number: int = 1, grid: str = "rough", **values: object) -> None:
+    """Change the row of a run, whose checksum is right again: what anyone can do who knows the format."""
+    digest = read_store(folder).digest
+    with closing(sqlite3.connect(folder / DATABASE, isolation_level=None)) as database:
+        columns = columns_of(database)
+        for name, value in values.items():
+            database.execute(f'UPDATE run SET "{name}" = ? WHERE grid = ? AND sample = ?', (value, grid, number))
+        grid, number = str(values.get("grid", grid)), values.get("sample", number)  # type: ignore[assignment]
+        where = " WHERE grid = ? AND sample IS ?"
+        row = database.execute(f"SELECT * FROM run{where}", (grid, number)).fetchone()
+        right = checksum(digest, dict(zip(columns, row, strict=True)))
+        database.execute(f"UPDATE run SET sha256 = ?{where}", (right, grid, number))
 
-    def row(**values: object) -> Change:
-        return lambda file: file["row"].attrs.update(values)
 
-    def about(**values: object) -> Change:
-        return lambda file: file.attrs.update(values)
+def by_sql(*statements: str) -> Maker:
+    """Has SQLite change the database of a campaign."""
 
-    def without(*path: str) -> Change:
-        return lambda file: file[path[0]].attrs.__delitem__(path[1])
+    def change(folder: Path) -> None:
+        with closing(sqlite3.connect(folder / DATABASE, isolation_level=None)) as database:
+            for statement in statements:
+                database.execute(statement)
 
-    def replaced(name: str, value: object) -> Change:
-        def change(file: h5py.File) -> None:
-            del file[name]
-            if value is not None:
-                file[name] = value
+    return change
 
-        return change
 
-    def many_names(file: h5py.File) -> None:
-        file["fields/shared"] = np.zeros(10_000)
-        for number in range(2_000):
-            file[f"fields/shared_{number}"] = file["fields/shared"]
-
-    return {
-        "row: text for a number": row(displacement="far"),
-        "row: not a number": row(displacement=np.nan),
-        "row: infinite": row(displacement=np.inf),
-        "row: negative": row(displacement=-1.0),
-        "row: number for a flag": row(broke_off=0),
-        "row: array for a number": row(displacement=np.zeros(3)),
-        "row: text for a measure": row(runout="14.17", broke_off=False),
-        "row: reference": lambda file: file["row"].attrs.create("displacement", file.ref, dtype=h5py.ref_dtype),
-        "row: without displacement": without("row", "displacement"),
-        "row: without broke_off": without("row", "broke_off"),
-        "row: escape sequence in a name": lambda file: file["row"].attrs.__setitem__("\x1b[2Jname", 1.0),
-        "row: lines in a text": row(mode="deep\nprobability of failure 0"),
-        "row: escape sequence in a text": row(mode="\x1b]0;title\x07deep"),
-        "row: missing": replaced("row", None),
-        "row: array": replaced("row", np.zeros(3)),
-        "row: link to another file": replaced("row", h5py.ExternalLink(str(baits.hdf5), "/")),
-        "fields: missing": replaced("fields", None),
-        "fields: array": replaced("fields", np.zeros(3)),
-        "fields: link to another file": replaced("fields", h5py.ExternalLink(str(baits.hdf5), "/")),
-        "fields: escape sequence in a name": lambda file: file["fields"].__setitem__("\x1b[31mred", np.zeros(3)),
-        "fields: many names of one array": many_names,
-        "coefficients: two-dimensional": replaced("coefficients", np.zeros((2, 3))),
-        "coefficients: whole numbers": replaced("coefficients", np.arange(5)),
-        "number for a status": about(status=7),
-        "lines in a status": about(status="FINISHED\nP_f = 0"),
-        "text for steps": about(steps="many"),
-        "texts for one text": about(device=np.array([b"cpu", b"gpu"])),
-        "number of another sample": about(sample=999_999),
-        "text for its number": about(sample="1"),
-        "another grid": about(grid="finest"),
-        "another scene": about(scene="0" * 64),
-        "versions that are no JSON": about(versions="jaxmpm 1"),
-        "versions nested without end": about(versions="[" * 60_000),
-        "versions that are numbers": about(versions='{"jaxmpm": 1}'),
-        "without versions": lambda file: file.attrs.__delitem__("versions"),
+def _rows_that_lie() -> dict[str, Maker]:
+    values: dict[str, dict[str, object]] = {
+        "text for a number": {"displacement": "far"},
+        "infinite": {"displacement": np.inf},
+        "negative": {"displacement": -1.0},
+        "without displacement": {"displacement": None},
+        "without broke_off": {"broke_off": None},
+        "text for a flag": {"broke_off": "no"},
+        "text for a measure": {"runout": "long"},
+        "number for a text": {"mode": b"deep"},
+        "lines in a text": {"mode": "deep\nprobability of failure 0"},
+        "escape sequence in a text": {"mode": "\x1b]0;title\x07deep"},
+        "lines in a status": {"status": "FINISHED\nP_f = 0"},
+        "blob for a status": {"status": b"\xff"},
+        "text for steps": {"steps": "many"},
+        "text for seconds": {"seconds": "long"},
+        "number for coefficients": {"coefficients": 1.5},
+        "half a coefficient": {"coefficients": b"1234567"},
+        "no coefficients": {"coefficients": None},
+        "versions that are no JSON": {"versions": "jaxmpm 1"},
+        "versions nested without end": {"versions": "[" * 60_000},
+        "versions that are numbers": {"versions": '{"jaxmpm": 1}'},
+        "fields of another": {"fields_sha256": "0" * 64},
+        "fields elsewhere": {"fields_sha256": "../../outside/bait"},
     }
+
+    def row(changes: dict[str, object]) -> Maker:
+        return lambda folder: lie(folder, **changes)  # type: ignore[arg-type]
+
+    return {f"row: {name}": row(changes) for name, changes in values.items()} | {
+        "row: changed": by_sql("UPDATE run SET displacement = 1e-3 WHERE sample = 1"),
+        "row: of another sample": by_sql(
+            "DELETE FROM run WHERE sample = 1", "UPDATE run SET sample = 1 WHERE sample = 2"
+        ),
+    }
+
+
+SCHEMAS = {
+    "view": ["CREATE VIEW more AS SELECT * FROM run"],
+    "view for a table": ["ALTER TABLE run RENAME TO runs", "CREATE VIEW run AS SELECT * FROM runs"],
+    "trigger": ["CREATE TRIGGER more AFTER DELETE ON run BEGIN DELETE FROM campaign; END"],
+    "index": ["CREATE INDEX more ON run (displacement)"],
+    "third table": ["CREATE TABLE more (name TEXT)"],
+    "virtual table": ["CREATE VIRTUAL TABLE more USING rtree (a, b, c)"],
+    "generated column": ["ALTER TABLE run ADD COLUMN more REAL AS (abs(displacement))"],
+    "default": ["ALTER TABLE run ADD COLUMN more REAL DEFAULT 1.0"],
+    "check": ["ALTER TABLE run ADD COLUMN more REAL CHECK (abs(more) < 1)"],
+    "column of no type": ["ALTER TABLE run ADD COLUMN more"],
+    "name that a terminal obeys": ['ALTER TABLE run ADD COLUMN "\x1b[2J" REAL'],
+    "column less": ["ALTER TABLE run DROP COLUMN runout"],
+    "no runs": ["DROP TABLE run"],
+    "no scene": ["DELETE FROM campaign"],
+    "another scene": ["UPDATE campaign SET value = replace(value, '0.3', '0.4')"],
+    "another program": ["PRAGMA application_id = 7"],
+    "another version": ["PRAGMA user_version = 7"],
+    "write-ahead log": ["PRAGMA journal_mode = wal"],
+}
+"""What a database of a campaign never has."""
 
 
 def no_files(baits: Baits) -> dict[str, Callable[[Path], None]]:
@@ -224,48 +251,84 @@ def no_files(baits: Baits) -> dict[str, Callable[[Path], None]]:
 
 
 def hand_made(baits: Baits) -> Mapping[str, Maker]:
-    """Everything made by hand that a sample file may be: name -> puts it at a path where nothing is, given the bytes of
-    the true file."""
+    """Everything made by hand that a campaign's folder may hold: name -> makes it of a folder whose rough run 1 has
+    fields."""
 
-    def sealed(change: Change, path: Path, whole: bytes) -> None:
-        path.write_bytes(resealed(whole, change))
+    def database(make: Callable[[Path], None], folder: Path) -> None:
+        (folder / DATABASE).unlink()
+        make(folder / DATABASE)
 
-    def sparse(path: Path, whole: bytes) -> None:
-        path.write_bytes(whole)
-        os.truncate(path, 2**40)
+    def journal(make: Callable[[Path], None], folder: Path) -> None:
+        make(folder / f"{DATABASE}-journal")
 
-    def unsealed(path: Path, whole: bytes) -> None:
-        path.write_bytes(whole[hdf5.USER_BLOCK :])
+    def super_journal(path: Path) -> None:
+        name = str(baits.numbers).encode()
+        head = bytes.fromhex("d9d505f920a163d7") + bytes(504)
+        ending = len(name).to_bytes(4) + sum(name).to_bytes(4) + OF_SUPER_JOURNAL
+        path.write_bytes(head + bytes(4) + name + ending)
 
-    def nothing_sealed(content: bytes, path: Path, whole: bytes) -> None:
-        path.write_bytes(sealed_anew(whole[: hdf5.USER_BLOCK] + content))
+    def fields(make: Callable[[Path], None], folder: Path) -> None:
+        (path,) = (folder / "fields").glob("rough-000001-*.h5")
+        path.unlink()
+        make(path)
 
-    def beyond_its_end(path: Path, whole: bytes) -> None:
-        # The superblock's end of file (version 2 and 3: 4th address) far behind the bytes that there are.
-        changed = bytearray(whole)
-        changed[hdf5.USER_BLOCK + 28 : hdf5.USER_BLOCK + 36] = struct.pack("<Q", 2**40)
-        path.write_bytes(sealed_anew(bytes(changed)))
+    def elsewhere(folder: Path) -> None:
+        (folder / "fields").rename(folder.parent / "moved")
+        (folder / "fields").symlink_to(folder.parent / "moved")
 
-    lies = {
-        **replacements_of("coefficients", baits),
-        **replacements_of("fields/displacement", baits),
-        **_sample_lies(baits),
+    def contents(change: Change, folder: Path) -> None:
+        (path,) = (folder / "fields").glob("rough-000001-*.h5")
+        image = io.BytesIO(path.read_bytes())
+        with h5py.File(image, "r+") as file:
+            change(file)
+        other(image.getvalue(), folder)
+
+    def other(content: bytes, folder: Path) -> None:
+        sha256 = hashlib.sha256(content).hexdigest()
+        fields_path(folder, "rough", 1, sha256).write_bytes(content)
+        lie(folder, fields_sha256=sha256)
+
+    def many_names(file: h5py.File) -> None:
+        file["shared"] = np.zeros(10_000)
+        for number in range(2_000):
+            file[f"shared_{number}"] = file["shared"]
+
+    changes = replacements_of("displacement", baits)
+    del changes["displacement: missing"]  # a run may have no such field
+    changes |= {"many names of one array": many_names}
+    changes |= {"escape sequence in a name": lambda file: file.__setitem__("\x1b[31mred", np.zeros(3))}
+    parts: dict[str, tuple[Callable[[Callable[[Path], None], Path], None], Mapping[str, Callable[[Path], None]]]] = {
+        "database": (database, no_files(baits) | _no_databases()),
+        "journal": (journal, no_files(baits) | {"that names another": super_journal}),
+        "fields": (fields, no_files(baits) | {"a terabyte of nothing": _sparse}),
     }
-    # A sample may have no fields: one that is missing is no lie.
-    del lies["fields/displacement: missing"]
     return {
-        **{name: partial(sealed, change) for name, change in lies.items()},
-        **{name: partial(_without_content, make) for name, make in no_files(baits).items()},
-        "a terabyte of nothing": sparse,
-        "no seal": unsealed,
-        "seal around nothing": partial(nothing_sealed, b""),
-        "seal around text": partial(nothing_sealed, b"no HDF5" * 100),
-        "end of file behind its end": beyond_its_end,
+        **_rows_that_lie(),
+        **{f"schema: {name}": by_sql(*statements) for name, statements in SCHEMAS.items()},
+        **{
+            f"{part}: {name}": partial(put, make)
+            for part, (put, makes) in parts.items()
+            for name, make in makes.items()
+        },
+        **{f"fields: {name}": partial(contents, change) for name, change in changes.items()},
+        "fields: no HDF5": partial(other, b"no HDF5" * 100),
+        "fields: nothing": partial(other, b""),
+        "fields: folder elsewhere": elsewhere,
     }
 
 
-def _without_content(make: Callable[[Path], None], path: Path, _: bytes) -> None:
-    make(path)
+def _no_databases() -> dict[str, Callable[[Path], None]]:
+    return {
+        "nothing": lambda path: path.touch(),
+        "text": lambda path: path.write_text("no SQLite " * 100) and None,
+        "header alone": lambda path: path.write_bytes(b"SQLite format 3\0" + bytes(84)) and None,
+        "a terabyte of nothing": _sparse,
+    }
+
+
+def _sparse(path: Path) -> None:
+    path.touch()
+    os.truncate(path, 2**40)
 
 
 def _bait() -> np.ndarray:

@@ -102,6 +102,8 @@ def random_soil(campaign: Campaign) -> Any:
 
 TORN = "JAXMPM_TORN"
 """Environment variable with a folder: for each file in it one worker is killed halfway through sending a sample."""
+VERIFIED = "JAXMPM_VERIFIED"
+"""Environment variable with a file, which gets a byte for each file of fields that a controller verifies."""
 
 REAL_COEFFICIENTS = runs.coefficients_of
 

@@ -9,31 +9,27 @@ import json
 import os
 import random
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.measure import ROOT
 from benchmarks.robustness import invented
-from benchmarks.robustness.invented import CALIBRATED, LONG, SCENE, SUBSET, SWEEP, TORN
+from benchmarks.robustness.invented import CALIBRATED, LONG, SCENE, SUBSET, SWEEP, TORN, VERIFIED
 from cooperative.scene import parse, settled
-from cooperative.store import (
-    GRIDS,
-    Store,
-    open_store,
-    read_rows,
-    read_sample,
-    read_store,
-    sample_path,
-    write_sample,
-)
+from cooperative.store import DATABASE, GRIDS, Store, open_store, read_rows, read_sample, read_store
+from cooperative.store._database import insert
+from cooperative.store._runs import row_of
+from jaxmpm.support import files
 
 MARK = "JAXMPM_ROBUSTNESS"
 """Environment variable by which the processes of a campaign are known, its workers too."""
@@ -83,7 +79,7 @@ class Toll:
 class Life:
     """A controller under way in a process group of its own."""
 
-    def __init__(self, case: Case, folder: Path, workers: int, **environment: str) -> None:
+    def __init__(self, case: Case, folder: Path, workers: int, *options: str, **environment: str) -> None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         self.folder, scene = folder, folder.with_suffix(".toml")
         scene.write_text(case.text)
@@ -98,7 +94,7 @@ class Life:
             str(folder),
         ]
         self.process = subprocess.Popen(
-            [*command, "--workers", str(workers)], cwd=ROOT, env=os.environ | environment | {MARK: self.mark},
+            [*command, "--workers", str(workers), *options], cwd=ROOT, env=os.environ | environment | {MARK: self.mark},
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
 
@@ -127,9 +123,18 @@ def _marked(mark: str) -> Iterator[tuple[int, str]]:
             yield int(process.name), command
 
 
-def finished(folder: Path) -> set[Path]:
-    """Files of the samples that have ended, in all campaigns of a folder."""
-    return set(folder.rglob("samples/*/*.h5"))
+def finished(folder: Path) -> set[tuple[Path, str, int]]:
+    """Folder, grid and number of the samples that have ended, in all campaigns of a folder."""
+    return {
+        (path.parent, *row) for path in folder.rglob(DATABASE) for row in asked(path, "SELECT grid, sample FROM run")
+    }
+
+
+def asked(path: Path, statement: str, *values: object) -> list[tuple[Any, ...]]:
+    """What a statement gives of a database, whose controller may have been killed as it wrote."""
+    uri = f"{path.absolute().as_uri()}?mode=rw"
+    with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE, isolation_level=None)) as database:
+        return database.execute(statement, values).fetchall()
 
 
 def disturb(
@@ -143,18 +148,18 @@ def disturb(
     undisturbed = folder / "undisturbed"
     whole(case, undisturbed, 1)
     while toll.disturbed < times:
-        disturbed, before = folder / f"disturbed-{round_}", set[Path]()
+        disturbed, before = folder / f"disturbed-{round_}", set[tuple[Path, str, int]]()
         while toll.disturbed < times:
             life = Life(case, disturbed, workers)
             enough, until = len(before) + generator.randrange(6), time.monotonic() + PATIENCE
             while len(finished(disturbed)) < enough and life.runs() and time.monotonic() < until:
-                time.sleep(0.002)
+                time.sleep(0.01)
             time.sleep(generator.uniform(0.0, 0.05))
             if not end(life, generator):
                 break
             toll.disturbed += 1
             toll.orphans += life.left()
-            toll.lost += [f"{path} is gone" for path in before - finished(disturbed)]
+            toll.lost += [f"{run} is gone" for run in before - finished(disturbed)]
             before = finished(disturbed)
         toll.orphans += whole(case, disturbed, workers).left()
         toll.lost += differences(disturbed, undisturbed)
@@ -247,36 +252,41 @@ def _end(process: int) -> None:
 
 def large(count: int, folder: Path) -> dict[str, float]:
     """Seconds until a campaign that has so many samples gives the next one, and from a signal, sent while it verifies
-    all their files, to its end."""
+    the files of all their fields, to its end."""
     case = Case("large", "run", SCENE.replace("samples = 50", f"samples = {count + 50}"))
     campaign = parse(case.text)
     coefficients = invented.coefficients_of(campaign, invented.random_soil(campaign))
-    with open_store(folder, settled(case.text, folder)) as store:
-        for sample in invented.run_samples(invented.build(campaign, "rough", None), coefficients, range(count)):
-            write_sample(store, "rough", replace(sample, fields={}))
-        following, index = sample_path(store, "rough", count), folder / "samples" / "rough.index"
+    made = invented.run_samples(invented.build(campaign, "rough", None), coefficients, range(count))
+    with (
+        patch.object(files, "write_aside", Path.write_bytes),  # to have the disk sync so many would take minutes
+        open_store(folder, settled(case.text, folder)) as store,
+        store.writing() as database,
+    ):
+        for sample in made:
+            insert(database, row_of(store, "rough", replace(sample, fields={"small": np.zeros(3)}))[1])
     begun = time.monotonic()
     life = Life(case, folder, 1)
-    _until(following, life)
+    following = "SELECT sample FROM run WHERE grid = 'rough' AND sample = ?"
+    _until(lambda: asked(folder / DATABASE, following, count), life)
     resumed = time.monotonic() - begun
     killed(life, random.Random())
-    index.unlink()
-    life = Life(case, folder, 1)
-    _until(index, life)
+    looked = folder / "looked"
+    life = Life(case, folder, 1, "--verify", **{VERIFIED: str(looked)})
+    _until(looked.exists, life)
     life.process.terminate()
     sent = time.monotonic()
     life.process.wait()
     seen = {f"resume_{count}_s": resumed, "signal_while_verifying_s": time.monotonic() - sent}
-    if len(index.read_bytes().splitlines()) >= count:
+    if looked.stat().st_size >= count:
         raise RuntimeError(f"the {count} files were verified before the signal came: give more")
-    return {name: round(seconds, 2) for name, seconds in seen.items()}
+    return {name: round(value, 2) for name, value in seen.items()}
 
 
-def _until(path: Path, life: Life) -> None:
-    """Wait for a file of a life. Raises RuntimeError where that ends without it."""
-    while not path.exists():
+def _until(done: Callable[[], object], life: Life) -> None:
+    """Wait for a life to do something. Raises RuntimeError where it ends without."""
+    while not done():
         if not life.runs():
-            raise RuntimeError(f"the campaign ended without {path}")
+            raise RuntimeError("the campaign ended early")
         time.sleep(0.02)
 
 
@@ -287,21 +297,21 @@ def differences(folder: Path, undisturbed: Path) -> list[str]:
         other = folder / answer.relative_to(undisturbed)
         if not other.exists() or _without_times(other) != _without_times(answer):
             wrong.append(f"{other} is missing or another")
-    for path in sorted(undisturbed.rglob("scene.toml")):
+    for path in sorted(undisturbed.rglob(DATABASE)):
         one, two = read_store(path.parent), read_store(folder / path.parent.relative_to(undisturbed))
         for grid in GRIDS:
             numbers = read_rows(one, grid).numbers
             if numbers != read_rows(two, grid).numbers:
                 wrong.append(f"{two.folder}: other {grid} samples")
                 continue
-            wrong += [f"{sample_path(two, grid, n)} is another" for n in numbers if _differ(one, two, grid, n)]
+            wrong += [f"{two.folder}: {grid} sample {n} is another" for n in numbers if _differ(one, two, grid, n)]
     return wrong
 
 
 def _without_times(path: Path) -> dict[str, Any]:
     fields = json.loads(path.read_text())
     fields.get("cost", {}).pop("seconds", None)
-    return {name: value for name, value in fields.items() if name != "checksum"}
+    return fields
 
 
 def _differ(one: Store, other: Store, grid: str, number: int) -> bool:
@@ -310,7 +320,7 @@ def _differ(one: Store, other: Store, grid: str, number: int) -> bool:
 
 
 def content(store: Store, grid: str, number: int) -> tuple[Any, ...]:
-    """The content of a sample's file, apart from the seconds it took, so that it can be compared."""
+    """The content of a sample, apart from the seconds it took, so that it can be compared."""
     sample = read_sample(store, grid, number)
     arrays = {"coefficients": sample.coefficients, **sample.fields}
     shown = {name: (str(a.dtype), a.shape, np.ascontiguousarray(a).tobytes()) for name, a in arrays.items()}

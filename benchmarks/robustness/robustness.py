@@ -7,15 +7,15 @@ answer or samples differ from those of an undisturbed one. `orphans`: processes 
 than ten seconds. `signals_lost`: controllers that SIGTERM or Ctrl-C did not end. `worker_kills`: single workers killed,
 at random moments, as they start, and halfway through sending a sample; their campaign goes on by itself.
 `resume_20000_s`: from the command to the first new sample of a campaign that has 20,000. `signal_to_end_s`: the longest
-from a signal to the end of a campaign; `signal_while_verifying_s`: while it reads 20,000 files. `undetected`: damaged
-files whose changed content was accepted. `escapes`: hand-made files that made a reader touch what is outside the
-folder. `foreign_faults`: files of the trade, made to be more than they are called, that led a reader to another file,
+from a signal to the end of a campaign; `signal_while_verifying_s`: while it verifies 20,000 files of fields.
+`undetected`: damaged databases and files whose changed content was accepted. `escapes`: folders made by hand that were
+accepted, or made a reader touch what is outside them. `foreign_faults`:
+files of the trade, made to be more than they are called, that led a reader to another file,
 to a host or to what is written, or took gigabytes or minutes.
 """
 
 from __future__ import annotations
 
-import os
 import random
 import shutil
 import signal
@@ -41,68 +41,78 @@ from benchmarks.robustness.lives import (
     signalled,
 )
 from cooperative.store import (
+    DATABASE,
     GRIDS,
     DamagedFile,
-    Store,
     open_store,
     read_rows,
+    read_sample,
     read_store,
-    sample_path,
 )
 
 
 def damage(count: int, folder: Path, seed: int) -> tuple[int, list[str]]:
-    """Damage sample files of a campaign, one at a time; gives how many, and those that were read as if they were whole
-    although their content had changed."""
+    """Damage the files of a copy of a campaign, one at a time, half of the times its database and else a file of
+    fields; gives how many, and those after which samples were read as whole that are others, or lacked unsaid."""
     generator, undetected, tried = random.Random(seed), [], 0
-    store = read_store(folder)
-    there = [(grid, number) for grid in GRIDS for number in read_rows(store, grid).numbers]
+    expected = contents(folder)
+    copy = shutil.copytree(folder, folder.with_name(f"{folder.name}-damaged"))
+    of_fields = sorted((copy / "fields").glob("*.h5"))
     while tried < count:
-        grid, number = generator.choice(there)
-        path, expected = sample_path(store, grid, number), content(store, grid, number)
-        whole, other = path.read_bytes(), sample_path(store, *generator.choice(there)).read_bytes()
+        path = generator.choice((copy / DATABASE, generator.choice(of_fields)))
+        whole, other = path.read_bytes(), generator.choice(of_fields).read_bytes()
         at = generator.randrange(len(whole))
         mixed = [("mixed with another", whole[:at] + other[at:]), ("a byte less", whole[:at] + whole[at + 1 :])]
         for how, data in [*hostile_files.damaged(whole, 5, seed=generator.randrange(2**32)), *mixed]:
             tried += 1
             path.write_bytes(data)
-            if accepted(store, grid, number, expected):
-                undetected.append(f"{grid} {number}: {how}")
+            if accepted(copy, expected):
+                undetected.append(f"{path.name}: {how}")
         path.write_bytes(whole)
     return tried, undetected
 
 
-def accepted(store: Store, grid: str, number: int, expected: tuple[Any, ...]) -> bool:
-    """Whether a sample's file is read as whole and holds something else than expected."""
+def contents(folder: Path) -> dict[tuple[str, int], tuple[Any, ...]]:
+    """The content of every sample of a campaign, by grid and number."""
+    store = read_store(folder)
+    return {(grid, n): content(store, grid, n) for grid in GRIDS for n in read_rows(store, grid).numbers}
+
+
+def accepted(folder: Path, expected: dict[tuple[str, int], tuple[Any, ...]]) -> bool:
+    """Whether the samples of a folder are read as whole although they are others than expected."""
     try:
-        return content(store, grid, number) != expected
+        store = read_store(folder)
+        rows = {grid: read_rows(store, grid) for grid in GRIDS}
+        there = {(grid, n): content(store, grid, n) for grid in GRIDS for n in rows[grid].numbers}
     except DamagedFile:
         return False
+    return there != expected and not any(each.damaged for each in rows.values())
 
 
 def by_hand(folder: Path, outside: Path) -> tuple[int, list[str]]:
-    """Put what was made by hand in place of a sample's file, one after the other, and have the controller look; gives
-    how many, and those that were accepted, that hung or broke it, or led it outside."""
+    """Make copies of a campaign's folder lie, each otherwise, and have the controller look; gives how many, and those
+    that were accepted, that hung or broke it, or led it outside."""
     baits, escapes = hostile_files.lay_baits(outside), []
+    copy, numbers = folder.with_name(f"{folder.name}-made"), read_rows(read_store(folder), GRIDS[0]).numbers
     makers = hostile_files.hand_made(baits)
-    path = sample_path(read_store(folder), GRIDS[0], 0)
-    whole = path.read_bytes()
-    for name, put in makers.items():
-        path.unlink()
-        put(path, whole)
+    for name, make in makers.items():
+        shutil.copytree(folder, copy)
+        make(copy)
         try:
-            with open_store(folder, (folder / "scene.toml").read_text()) as store, _hurried(name):
+            with _hurried(name), open_store(copy, read_store(folder).source, verify=True) as store:
                 rows = read_rows(store, GRIDS[0])
-            if 0 in rows.numbers or os.path.lexists(path):
-                escapes.append(f"{name}: accepted")
+                if rows.numbers == numbers:
+                    read_sample(store, GRIDS[0], 1)
+                    escapes.append(f"{name}: accepted")
+        except DamagedFile:
+            pass
         except Exception as error:
             escapes.append(f"{name}: {error!r}")
         if not baits.untouched():
             escapes.append(f"{name}: changed what is outside")
             hostile_files.lay_baits(outside)
-        for left in path.parent.glob(f"{path.name}*"):
-            shutil.rmtree(left) if left.is_dir() and not left.is_symlink() else left.unlink()
-        path.write_bytes(whole)
+        for left in (copy, copy.with_name("moved")):
+            shutil.rmtree(left, ignore_errors=True)
     return len(makers), escapes
 
 

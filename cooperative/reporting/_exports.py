@@ -21,14 +21,13 @@ from cooperative.runs import (
     SampleSoil,
     StoredGround,
     build,
-    foreign,
     ground_of,
     random_soil,
     read_drawn,
     soil_of,
 )
 from cooperative.scene import campaign_of
-from cooperative.store import Sample, Store, own_folder, read_sample, read_store, sample_path
+from cooperative.store import Sample, Store, own_folder, read_sample, read_store
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 from jaxmpm.support.files import remove_leftovers
 
@@ -148,8 +147,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
         ValueError: the sample is not there, its fields are not stored, or `frames` is below 2.
     """
     store = read_store(folder)
-    if not sample_path(store, grid, number).exists():
-        there = rows_of(store)[grid].numbers
+    if number not in (there := rows_of(store)[grid].numbers):
         raise ValueError(f"sample {number} is not finished on the {grid} grid: give one of {_few(there)}")
     sample = read_sample(store, grid, number)
     if frames is None and "displacement" not in sample.fields:
@@ -158,8 +156,6 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
             'set fields = "both" for another campaign, or give --frames to run the sample again'
         )
     ground = stored_ground(store) or ground_of(models_of(campaign_of(store)))
-    if why := foreign(None, ground, grid, sample.record):
-        raise ValueError(f"{sample_path(store, grid, number)} {why}: delete it and resume the campaign")
     if frames is None:
         soil = read_drawn(store.folder, [(grid, number)]).get((grid, number))
         soil = soil or _soil_of(lambda: {grid: _model(store, grid, at_rest=False)}, grid, sample)

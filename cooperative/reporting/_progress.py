@@ -27,7 +27,6 @@ from cooperative.store import (
     mixed_versions,
     read_rows,
     read_store,
-    sample_path,
 )
 from cooperative.summary import slides_of
 from jaxmpm.support.text import duration, printable
@@ -47,7 +46,7 @@ class GridProgress:
         at_least: whether `planned` may grow.
         pace: seconds from one finished sample to the next, nan where unknown.
         broke_off: runs that broke off.
-        damaged: files that cannot be trusted and will be redone.
+        damaged: runs that cannot be trusted and will be redone.
     """
 
     grid: str
@@ -105,7 +104,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     campaign = campaign_of(store, estimator)
     read = runs.rows_reader(store, runs.samples_of(campaign))
     rows = {grid: read(grid) for grid in campaign.grids}
-    pace = {grid: _pace(store, grid, rows[grid]) for grid in rows}
+    pace = {grid: _pace(each) for grid, each in rows.items()}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)
     rough, refined = (rows[grid] for grid in GRIDS)
@@ -125,7 +124,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     if campaign.plan.slides:
         # Of how many is known once the audit has ended.
         drawn, may_grow = slides_of(campaign, phases, refined), phases.why_finished is None
-        of_slides = _pace(store, SLIDES, read_rows(store, SLIDES))
+        of_slides = _pace(read_rows(store, SLIDES))
         grids.append(GridProgress(SLIDES, int(drawn.slid.sum()), drawn.planned, may_grow, of_slides))
     # Before the screening is complete it is the share that fails on the rough grid.
     estimate = phases.estimate if rough.numbers else None
@@ -220,10 +219,9 @@ def words(progress: Progress) -> str:
     return "\n".join(map(printable, lines))
 
 
-def _pace(store: Store, grid: str, rows: Rows) -> float:
-    """Seconds from one finished sample to the next, by when their files were written."""
-    ended = sorted(sample_path(store, grid, number).stat().st_mtime for number in rows.numbers)
-    return seconds_per_sample(ended, rows.columns["seconds"].tolist())
+def _pace(rows: Rows) -> float:
+    """Seconds from one finished sample to the next, by when their rows were written."""
+    return seconds_per_sample(sorted(rows.written.values()), rows.columns["seconds"].tolist())
 
 
 def _controller(store: Store) -> tuple[str, bool]:

@@ -34,8 +34,8 @@ def write_table(
     Args:
         store: of the campaign.
         path: of the file, None for `table.csv` in the campaign's folder.
-        ground: of the campaign, by which samples with arrays of other grids are damaged ones; by default the folder's.
-            Damaged files are left out; `read_rows` names them.
+        ground: of the campaign, by which runs of other soil are damaged ones; by default the folder's. Damaged runs are
+            left out; `read_rows` names them.
         estimator: the one that `cooperative.campaign.run` was given, where it was given one; without it these three
             columns are left out where the folder has no summary of its rows, as nobody else knows what the runs stand
             for.

@@ -21,8 +21,6 @@ from pydantic import ConfigDict, TypeAdapter, with_config
 
 from cooperative.measure import ColumnPlan
 from cooperative.runs._model import GridModel
-from cooperative.runs._samples import COLUMNS
-from cooperative.runs._samples import GROUND as MOVED
 from cooperative.runs._sampling import samples_of
 from cooperative.store import Record, Rows, Store, read_rows
 from jaxmpm import Face
@@ -33,8 +31,6 @@ GROUND = ("cooperative ground", 3)
 """Kind and schema of the file."""
 OUTLINE, ARRAYS = ("surface", "bottoms"), ("position", "half_size", "layer")
 """Fields of the ground, and of a grid, that are data sets of `ground.h5`; all else is JSON there."""
-OF_PARTICLES = ("displacement", "plastic_strain")
-"""Fields of a sample that have a value, or a vector, for each particle."""
 POINTS = {2: 401, 3: 101}
 """Points of the outline along each horizontal axis, by dimension."""
 
@@ -212,43 +208,23 @@ def _numerics(model: GridModel) -> str:
 def rows_reader(
     store: Store, samples: int | None, ground: StoredGround | None = None, look: Callable[[], None] = lambda: None
 ) -> Callable[[str], Rows]:
-    """Reads the verified rows of a grid. Files of samples that the campaign does not have are damaged.
+    """Reads the verified rows of a grid. Runs of samples that the campaign does not have are damaged.
 
     Args:
         store: the campaign's folder.
         samples: of the first phase, None where only the estimator of a script knows.
-        ground: of the campaign; then files that hold another number of coefficients or of particles are damaged too.
-        look: called before each file.
+        ground: of the campaign; then runs with another number of coefficients are damaged too.
+        look: called before each row.
     """
-    return partial(read_rows, store, foreign=partial(foreign, samples, ground), look=look)
+    return partial(read_rows, store, foreign=partial(_foreign, samples, ground), look=look)
 
 
-def foreign(samples: int | None, ground: StoredGround | None, grid: str, sample: Record) -> str | None:
-    """What a sample holds that a campaign of so many samples, or a grid, does not have; None if nothing.
-
-    Args:
-        samples: of the first phase, None where unknown.
-        ground: of the campaign, None where unknown.
-        grid: "rough" or "refined".
-        sample: to be checked.
-    """
-    if samples is not None and sample.number >= samples:
+def _foreign(samples: int | None, ground: StoredGround | None, run: Record) -> str | None:
+    """What a run holds that a campaign of so many samples does not have; None if nothing."""
+    if samples is not None and run.number >= samples:
         return f"is of a sample that the scene, with {samples}, does not have"
-    if ground is None:
-        return None
-    (count,) = sample.shapes["coefficients"]
-    if count != ground.terms and not (sample.row["broke_off"] and count == 0):
-        return f"holds {count} coefficients of a field that has {ground.terms}"
-    shape = ground.grids[grid].position.shape
-    expected = dict(zip(OF_PARTICLES, (shape, shape[1:]), strict=True))
-    expected |= dict.fromkeys((*COLUMNS, MOVED), ground.grids[grid].columns.shape)
-    for name, wanted in expected.items():
-        what, held = (
-            "columns" if name.startswith("column_") else "particles",
-            sample.shapes.get(f"fields/{name}", wanted),
-        )
-        if held != wanted:
-            return f"holds {name} of shape {held} for {what} of shape {wanted}"
+    if ground is not None and run.terms != ground.terms and not (run.row["broke_off"] and run.terms == 0):
+        return f"holds {run.terms} coefficients of a field that has {ground.terms}"
     return None
 
 

@@ -29,7 +29,10 @@ UNLIKELY = 5.0
 """Deviations of a borehole value from the median beyond which value and distribution hardly belong together."""
 ROUNDING = 2e-5
 """Of the share of the variance that modes hold, with eigenvalues in single precision on two machines."""
-REMEDY = "delete the folder's measured.json, whose samples are then those of this machine"
+REMEDY = (
+    "delete what was measured (`sqlite3 campaign.db \"delete from campaign where name = 'measured'\"`); "
+    "its samples are then those of this machine"
+)
 
 
 @dataclass(frozen=True)

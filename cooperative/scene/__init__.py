@@ -27,7 +27,7 @@ from cooperative.scene._stored import (
     write_budget,
     write_slides_end,
 )
-from cooperative.scene._typed import built, parse, read_scene
+from cooperative.scene._typed import built, parse, read_scene, source_of
 from cooperative.scene._variants import BASE, RANKED, Variant, campaigns_of, variants, with_measured_of_base
 from cooperative.scene._varied import SCALES, SCENARIO, changed
 from cooperative.scene.tables import (
@@ -98,6 +98,7 @@ __all__ = [
     "read_scene",
     "remarks",
     "settled",
+    "source_of",
     "stored_budget",
     "stored_measured",
     "to_toml",

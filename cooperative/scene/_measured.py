@@ -1,4 +1,4 @@
-"""What a campaign measures once, before its first run, and keeps in its folder as `measured.json`.
+"""What a campaign measures once, before its first run, and keeps in its database.
 
 Terms: an expansion takes as many as hold its share of the variance. Eigenvalues are rounded otherwise on another
 machine, where one term more or less may hold it, so the number of the machine on which a campaign began stands for all
@@ -24,18 +24,15 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Protocol
 
 import jax
 
 from cooperative.scene._campaign import Campaign
 from cooperative.scene.tables import Calibration, LimitLoad, Measured
-from cooperative.store import GRIDS, write_aside
+from cooperative.store import GRIDS, MEASURED, Store, store_text
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 from jaxmpm.run import FactorOfSafety
-
-NAME = "measured.json"
 
 BLUNT = 5.0
 """Sharpness of the kink below which there is no clear limit load."""
@@ -52,12 +49,12 @@ class Grid(Protocol):
         """Scene and initial state of the median soil."""
 
 
-def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mapping[str, Grid]) -> Campaign:
-    """Measure what the campaign asks for and has not, and keep each number in the folder once it is known.
+def measure(campaign: Campaign, store: Store, terms: Sequence[int], grids: Mapping[str, Grid]) -> Campaign:
+    """Measure what the campaign asks for and has not, and keep each number in the database once it is known.
 
     Args:
         campaign: with what its folder has measured.
-        folder: of the campaign.
+        store: the campaign's folder.
         terms: number of terms of each expansion, counted on this machine.
         grids: both grids by name.
 
@@ -70,7 +67,7 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
     """
 
     def stored(measured: Measured) -> Campaign:
-        write_measured(folder, measured)
+        write_measured(store, measured)
         return replace(campaign, measured=measured)
 
     if campaign.measured.terms is None:
@@ -83,18 +80,18 @@ def measure(campaign: Campaign, folder: Path, terms: Sequence[int], grids: Mappi
     return campaign
 
 
-def write_measured(folder: Path, measured: Measured) -> None:
-    """Keep what a campaign has measured in its folder.
+def write_measured(store: Store, measured: Measured) -> None:
+    """Keep what a campaign has measured in its database.
 
     Args:
-        folder: of the campaign.
+        store: the campaign's folder.
         measured: all of it.
 
     Raises:
         OSError: the disk refuses.
     """
-    known = {name: value for name, value in asdict(measured).items() if value is not None}
-    write_aside(folder / NAME, json.dumps(known).encode())
+    numbers = {name: value for name, value in asdict(measured).items() if value is not None}
+    store_text(store, MEASURED, json.dumps(numbers))
 
 
 def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:

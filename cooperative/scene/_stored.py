@@ -7,7 +7,6 @@ rough runs that broke off.
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -15,15 +14,22 @@ from typing import TypeVar
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, Given
-from cooperative.scene._measured import NAME
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._words import in_python, is_same
-from cooperative.store import MOST_TEXT, SCENE, Source, Store, refuse_another, stored_source, write_aside
-from jaxmpm.support import files
+from cooperative.store import (
+    BUDGET,
+    DATABASE,
+    MEASURED,
+    SLIDES_END,
+    Source,
+    Store,
+    refuse_another,
+    store_text,
+    stored_source,
+    stored_text,
+)
 from jaxmpm.support.text import shown
 
-BUDGET = "budget.json"
-SLIDES_END = "slides.json"
 T = TypeVar("T")
 
 
@@ -83,18 +89,17 @@ def in_folder(
     return _grown(campaign, folder, refined_runs, slides_t_end), campaign.source
 
 
-def settled(scene: Source | str | Path, folder: Path, name: str = SCENE) -> Source:
+def settled(scene: Source | str | Path, folder: Path) -> Source:
     """A scene with what its folder keeps beside it.
 
     Args:
         scene: its text, its file, or both.
-        folder: of the campaign, or of a sweep.
-        name: of the file with the scene, in that folder.
+        folder: of the campaign.
 
     Raises:
-        ValueError: the scene, or what the folder holds, is no TOML.
+        ValueError: the scene is no TOML, or the folder's database cannot be trusted.
     """
-    source, there = source_of(scene), stored_source(folder, name)
+    source, there = source_of(scene), stored_source(folder)
     return source if there is None else source.completed(there)
 
 
@@ -103,9 +108,7 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None, slides_t_
 
     Raises ValueError for no more than is allowed already, or an estimator without such a setting.
     """
-    stored = _content(
-        folder / SLIDES_END, tables.LongerSlides, "end of slides", "delete it, and say --slides-t-end again"
-    )
+    stored = _content(folder, SLIDES_END, tables.LongerSlides)
     if stored is not None:
         campaign = replace(campaign, run=replace(campaign.run, slides_t_end=stored.t_end))
     if slides_t_end is not None:
@@ -155,31 +158,30 @@ def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -
     return tables.Budget(refined_runs, scene)
 
 
-def write_budget(folder: Path, budget: tables.Budget) -> None:
-    """Keep the refined runs allowed in a campaign's folder.
+def write_budget(store: Store, budget: tables.Budget) -> None:
+    """Keep the refined runs allowed in a campaign's database.
 
     Args:
-        folder: of the campaign.
+        store: the campaign's folder.
         budget: refined runs allowed.
 
     Raises:
         OSError: the disk refuses.
     """
-    if stored_budget(folder) != budget:
-        write_aside(folder / BUDGET, json.dumps(asdict(budget)).encode())
+    store_text(store, BUDGET, json.dumps(asdict(budget)))
 
 
-def write_slides_end(folder: Path, t_end: float) -> None:
-    """Keep until when slides go on in a campaign's folder.
+def write_slides_end(store: Store, t_end: float) -> None:
+    """Keep until when slides go on in a campaign's database.
 
     Args:
-        folder: of the campaign.
+        store: the campaign's folder.
         t_end: that time (s).
 
     Raises:
         OSError: the disk refuses.
     """
-    write_aside(folder / SLIDES_END, json.dumps(asdict(tables.LongerSlides(t_end))).encode())
+    store_text(store, SLIDES_END, json.dumps(asdict(tables.LongerSlides(t_end))))
 
 
 def stored_budget(folder: Path) -> tables.Budget | None:
@@ -189,23 +191,21 @@ def stored_budget(folder: Path) -> tables.Budget | None:
         folder: of the campaign.
 
     Raises:
-        ValueError: a file that holds something else.
+        ValueError: the database cannot be trusted.
     """
-    remedy = "delete it, and say --refined-runs again"
-    return _content(folder / BUDGET, tables.Budget, "numbers of refined runs", remedy)
+    return _content(folder, BUDGET, tables.Budget)
 
 
 def stored_measured(folder: Path) -> tables.Measured:
-    """What a campaign's folder has measured, as far as its files are there.
+    """What a campaign's folder has measured, nothing where no campaign has begun.
 
     Args:
         folder: of the campaign.
 
     Raises:
-        ValueError: a file is damaged.
+        ValueError: the database cannot be trusted.
     """
-    remedy = "delete it to measure it again"
-    return _content(folder / NAME, tables.Measured, "numbers that were measured", remedy) or tables.Measured()
+    return _content(folder, MEASURED, tables.Measured) or tables.Measured()
 
 
 def with_measured(campaign: Campaign, folder: Path) -> Campaign:
@@ -216,7 +216,7 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
         folder: of the campaign.
 
     Raises:
-        ValueError: a file is damaged, or the failure displacement does not go with the rest of the campaign.
+        ValueError: the database cannot be trusted, or the failure displacement does not go with the campaign.
     """
     asked = {
         "terms": True,
@@ -230,14 +230,19 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
     return replace(campaign, measured=replace(campaign.measured, **known)) if known else campaign
 
 
-def _content(path: Path, table: type[T], what: str, remedy: str) -> T | None:
-    """What a file holds, None where there is none.
+def _content(folder: Path, name: str, table: type[T]) -> T | None:
+    """What the database of a folder holds by this name, None where there is nothing.
 
-    Raises ValueError where it is damaged.
+    Raises ValueError where it cannot be trusted.
     """
-    if not os.path.lexists(path):
+    text = stored_text(folder, name)
+    if text is None:
         return None
     try:
-        return tables.read(table, json.loads(files.read_plain(path, MOST_TEXT)), path.stem)
+        return tables.read(table, json.loads(text), name)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} holds no {what} ({error}): {remedy}") from error
+        path = folder / DATABASE
+        raise ValueError(
+            f"{path} holds no {name} that this version reads ({error}): "
+            f"`sqlite3 {path} \"delete from campaign where name = '{name}'\"`"
+        ) from error

@@ -118,7 +118,7 @@ def campaign_of_words(source: Source) -> Campaign:
         fields = {name: of_words(words, name) for name, words in table_of(source.beside, "campaign").items()}
         return Campaign(**fields)
     except (AttributeError, KeyError, TypeError, ValueError, zlib.error) as error:
-        raise ValueError(f"campaign.json holds no campaign ({error}): put back the file that it began with") from error
+        raise ValueError(f"campaign.db holds no campaign ({error}): put back what it began with") from error
 
 
 def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign:

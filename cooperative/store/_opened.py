@@ -7,23 +7,39 @@ whoever opens it in five years.
 from __future__ import annotations
 
 import errno
+import hashlib
+import json
 import os
 import platform
 import socket
 import sys
 import textwrap
-from collections.abc import Collection, Mapping
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from datetime import date
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
-from cooperative.names import GRIDS
-from cooperative.store._samples import SLIDES, Store
-from cooperative.store._source import CAMPAIGN, MOST_TEXT, Source, refuse_another, stored_source
-from jaxmpm import __version__
+from cooperative.store._database import (
+    ABOUT,
+    BESIDE,
+    DATABASE,
+    MEASURES,
+    SCENE,
+    SUMMARY,
+    connect,
+    create,
+    integrity,
+    mend,
+    read_value,
+    sum_of,
+    write_value,
+)
+from cooperative.store._runs import FIELDS, fields_path, read_fields_file
+from cooperative.store._samples import Store, package_versions
+from cooperative.store._source import MOST_TEXT, Source, differences, source_from
 from jaxmpm.support import files
-from jaxmpm.support.files import write_aside
+from jaxmpm.support.files import DamagedFile, set_aside, write_aside
 from jaxmpm.support.text import printable, short, shown
 
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
@@ -33,56 +49,94 @@ README = "README.txt"
 
 
 def open_store(
-    folder: str | Path, source: Source | str, *, verify: bool = False, grids: Collection[str] = GRIDS
+    folder: str | Path,
+    source: Source | str,
+    *,
+    verify: bool = False,
+    look: Callable[[], None] = lambda: None,
 ) -> Store:
     """Open the campaign folder for the one controller, made if it is not there.
+
+    A database whose structure is damaged is replaced by what is whole of it, with a warning.
 
     Args:
         folder: of the campaign.
         source: what the campaign is made from, or a scene's text alone.
-        verify: read and verify every sample's file anew, those too that have not changed since they were verified.
-        grids: of the campaign.
+        verify: read every file of fields and compare it with its checksum.
+        look: called before each such file, may raise to stop.
 
     Raises:
         ValueError: the folder cannot be written, holds something else or a campaign of another scene (naming what
             differs), or is held by another controller.
+        OSError: the disk refuses.
     """
     folder, source = Path(folder), Source(source) if isinstance(source, str) else source
     source.digest  # noqa: B018, no folder is made for a text that is no scene
-    try:
+    with _writable(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        others = [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]
-        there = refuse_another(folder, source)
-        if there is None and set(others) - {CAMPAIGN}:
-            raise ValueError(
-                f"folder {folder} holds {shown(sorted(set(others) - {CAMPAIGN})[0])}, and no campaign has begun there: "
-                "give a new or empty folder"
-            )
-        lock = _taken_lock(folder)
-    except OSError as error:
+        others = sorted(entry.name for entry in folder.iterdir() if not entry.name.startswith("."))
+    if refuse_another(folder, source) is None and others:
         raise ValueError(
-            f"folder {folder} cannot be written ({error.strerror}): give a folder that you may write to"
-        ) from error
+            f"folder {folder} holds {shown(others[0])}, and no campaign has begun there: give a new or empty folder"
+        )
+    with _writable(folder):
+        lock = _taken_lock(folder)
+    path, connection = folder / DATABASE, None
     try:
         # Another controller may have begun since, and ended.
         there = refuse_another(folder, source)
         if there is None:
-            source.write(folder)
+            texts = {} if source.text is None else {SCENE: source.text}
+            create(path, {**texts, BESIDE: json.dumps(source.beside)}, ABOUT | MEASURES)
+        connection = connect(path, write=True)
+        if (problem := integrity(connection)) != "ok":
+            connection.close()
+            mend(path, source.digest if there is None else there.digest, problem)
+            connection = connect(path, write=True)
         _write_readme(folder, source)
-        for directory in (folder / "samples", *(folder / "samples" / grid for grid in (*grids, SLIDES))):
-            files.claimed_folder(directory)
-            for leftover in directory.glob(".*.part"):
-                leftover.unlink()
+        store = Store(folder, there or source, lock, connection)
+        _claim_fields(store, look if verify else None)
         for leftover in (*folder.glob(".*.part"), *folder.glob("figures/.*.part")):
             leftover.unlink(missing_ok=True)
-        # An index that is a folder is set aside when it is read.
-        for index in (folder / "samples").glob("*.index") if verify else ():
-            if not index.is_dir():
-                index.unlink()
-        return Store(folder, there or source, lock)
+        return store
     except BaseException:
+        if connection is not None:
+            connection.close()
         os.close(lock)
         raise
+
+
+@contextmanager
+def _writable(folder: Path) -> Iterator[None]:
+    """Raise an OSError of the block as ValueError."""
+    try:
+        yield
+    except OSError as error:
+        raise ValueError(
+            f"folder {folder} cannot be written ({error.strerror}): give a folder that you may write to"
+        ) from error
+
+
+def _claim_fields(store: Store, look: Callable[[], None] | None) -> None:
+    """Have the folder of fields hold only files that rows name; with `look` also verify these."""
+    files.claimed_folder(store.folder / FIELDS)
+    with store.reading() as database:
+        rows = database.execute(
+            "SELECT grid, sample, fields_sha256 FROM run WHERE fields_sha256 IS NOT NULL"
+        ).fetchall()
+    sums = {fields_path(store.folder, *row): row[2] for row in rows}
+    for path in (*(store.folder / FIELDS).glob("*-*-*.h5"), *(store.folder / FIELDS).glob(".*.part")):
+        if path not in sums:
+            path.unlink()
+    for path, sha256 in sums.items() if look is not None else ():
+        look()
+        with suppress(FileNotFoundError):
+            try:
+                whole = hashlib.sha256(read_fields_file(path)).hexdigest() == sha256
+            except DamagedFile:
+                whole = False
+            if not whole:
+                warnings.warn(f"{path} does not match its checksum: set aside as {set_aside(path)}", stacklevel=3)
 
 
 def read_store(folder: str | Path) -> Store:
@@ -97,7 +151,95 @@ def read_store(folder: str | Path) -> Store:
     source = stored_source(Path(folder))
     if source is None:
         raise ValueError(f"folder {folder} holds no campaign: give the folder of one, of a sweep one in its campaigns/")
-    return Store(Path(folder), source, None)
+    return Store(Path(folder), source)
+
+
+def stored_source(folder: Path) -> Source | None:
+    """What the campaign in a folder was made from, None where no campaign has begun there.
+
+    Args:
+        folder: of the campaign.
+
+    Raises:
+        ValueError: the database cannot be trusted.
+    """
+    path = folder / DATABASE
+    if not os.path.lexists(path):
+        return None
+    with closing(connect(path)) as connection:
+        text, beside = (read_value(path, connection, name) for name in (SCENE, BESIDE))
+    if beside is None:
+        raise DamagedFile(f"{path} has no scene any more: put back a copy, or give another folder")
+    return source_from(text, beside, str(path))
+
+
+def stored_text(folder: Path, name: str) -> str | None:
+    """A text that the database of a campaign's folder holds, None where there is none.
+
+    Args:
+        folder: of the campaign.
+        name: of the text.
+
+    Raises:
+        DamagedFile: it does not match its checksum, or the database is damaged.
+        OSError: the system refuses.
+    """
+    path = folder / DATABASE
+    if not os.path.lexists(path):
+        return None
+    with closing(connect(path)) as connection:
+        return read_value(path, connection, name)
+
+
+def store_text(store: Store, name: str, text: str) -> None:
+    """Keep a text in a campaign's database, unless it is there.
+
+    Args:
+        store: the campaign's folder, opened to write.
+        name: of the text.
+        text: to be kept.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    with store.writing() as database:
+        there = database.execute("SELECT value FROM campaign WHERE name = ?", (name,)).fetchone()
+        if there != (text,):
+            write_value(database, name, text)
+
+
+def contents_sum(store: Store) -> str:
+    """SHA-256 of all runs and texts of a campaign but its summary.
+
+    Args:
+        store: the campaign's folder.
+
+    Raises:
+        DamagedFile: the database is damaged.
+        OSError: the system refuses.
+    """
+    sums = "SELECT sha256 FROM campaign WHERE name <> ? UNION ALL SELECT sha256 FROM run ORDER BY 1"
+    with store.reading() as database:
+        return sum_of(*(str(each) for (each,) in database.execute(sums, (SUMMARY,))))
+
+
+def refuse_another(folder: Path, source: Source) -> Source | None:
+    """What the campaign in a folder was made from, None where none has begun there.
+
+    Args:
+        folder: of the campaign.
+        source: what the campaign was made from.
+
+    Raises:
+        ValueError: the folder is of another campaign; the message names what differs.
+    """
+    there = stored_source(folder)
+    if there is not None and (differ := differences(there, source)):
+        raise ValueError(
+            f"folder {folder} belongs to another scene ({'; '.join(differ)}): "
+            "give another folder, or the scene that it was started with"
+        )
+    return there
 
 
 def _taken_lock(folder: Path) -> int:
@@ -175,9 +317,3 @@ def _write_readme(folder: Path, source: Source) -> None:
     text = Path(__file__).with_name("_readme.txt").read_text(encoding="utf-8")
     text = text.format(title=title, day=date.today().isoformat(), versions=versions)
     write_aside(folder / README, text.encode())
-
-
-@cache
-def package_versions() -> Mapping[str, str]:
-    """Versions of the packages that a result depends on."""
-    return {"jaxmpm": __version__} | {name: version(name) for name in ("jax", "jaxlib", "numpy", "scipy", "h5py")}

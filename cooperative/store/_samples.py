@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
+from cooperative.store._database import DATABASE, connect, explained, transaction
 from cooperative.store._source import Source
-from jaxmpm.support.files import DamagedFile
+from jaxmpm import __version__
 from jaxmpm.support.hdf5 import Scalar
 
 COARSE = "coarse"
@@ -24,10 +29,6 @@ MOVING = "moving"
 """Restart points of slides that had not come to rest when they ended."""
 
 
-class AnotherScene(DamagedFile):
-    """A whole file of a sample of another scene."""
-
-
 @dataclass(frozen=True)
 class Store:
     """An open campaign `folder`.
@@ -36,16 +37,51 @@ class Store:
         folder: of the campaign.
         source: what the campaign was made from.
         lock: the file descriptor that holds the folder, None when opened for reading.
+        connection: by which the controller writes, None when opened for reading.
     """
 
     folder: Path
     source: Source
-    lock: int | None
+    lock: int | None = None
+    connection: sqlite3.Connection | None = None
 
     @property
     def digest(self) -> str:
-        """Of the source; every sample's file has it."""
+        """Of the source; the checksum of each row is of it too."""
         return self.source.digest
+
+    @property
+    def path(self) -> Path:
+        """Of the database."""
+        return self.folder / DATABASE
+
+    @contextmanager
+    def reading(self) -> Iterator[sqlite3.Connection]:
+        """The database, to be read in the block.
+
+        Raises:
+            DamagedFile: it is damaged.
+            OSError: the system refuses.
+        """
+        if self.connection is not None:
+            with explained(self.path):
+                yield self.connection
+            return
+        with explained(self.path), closing(connect(self.path)) as connection:
+            yield connection
+
+    @contextmanager
+    def writing(self) -> Iterator[sqlite3.Connection]:
+        """The database, which holds all that the block writes once that has ended, or nothing of it.
+
+        Raises:
+            ValueError: the store is open for reading.
+            OSError: the disk refuses.
+        """
+        if self.connection is None:
+            raise ValueError(f"{self.folder} is open for reading: use open_store to write {DATABASE}")
+        with transaction(self.path, self.connection) as connection:
+            yield connection
 
     def __enter__(self) -> Self:
         return self
@@ -55,6 +91,8 @@ class Store:
 
     def close(self) -> None:
         """Give the folder back to other controllers."""
+        if self.connection is not None:
+            self.connection.close()
         if self.lock is not None:
             os.close(self.lock)
 
@@ -69,7 +107,8 @@ class Record:
         steps: time steps.
         seconds: of wall time.
         row: scalars by name.
-        shapes: of "coefficients" and of each "fields/NAME".
+        terms: number of its coefficients.
+        written: when it was stored (s since 1970).
         versions: of the packages that made it.
     """
 
@@ -78,7 +117,8 @@ class Record:
     steps: int
     seconds: float
     row: Mapping[str, Scalar]
-    shapes: Mapping[str, tuple[int, ...]]
+    terms: int = 0
+    written: float = 0.0
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -116,14 +156,6 @@ class Sample:
         """Its largest displacement (m), and whether the run broke off."""
         return float(self.row["displacement"]), bool(self.row["broke_off"])
 
-    @property
-    def record(self) -> Record:
-        """The same without its arrays."""
-        arrays = {"coefficients": self.coefficients} | {f"fields/{name}": each for name, each in self.fields.items()}
-        shapes = {name: np.shape(values) for name, values in arrays.items()}
-        steps, seconds = int(self.steps), float(self.seconds)
-        return Record(int(self.number), self.status, steps, seconds, self.row, shapes, self.versions)
-
 
 @dataclass(frozen=True)
 class Rows:
@@ -131,13 +163,15 @@ class Rows:
 
     Args:
         columns: equally long, by name.
-        damaged: the files that could not be trusted.
+        damaged: the runs that could not be trusted, and why.
         versions: sample -> the packages that made it, where they are known.
+        written: sample -> when it was stored (s since 1970).
     """
 
     columns: dict[str, np.ndarray]
     damaged: tuple[str, ...]
     versions: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
+    written: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def numbers(self) -> list[int]:
@@ -167,7 +201,8 @@ def rows_of(samples: list[Record], damaged: tuple[str, ...] = ()) -> Rows:
     }
     for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
         columns[name] = _column([sample.row.get(name) for sample in samples])
-    return Rows(columns, damaged, {sample.number: sample.versions for sample in samples if sample.versions})
+    versions = {sample.number: sample.versions for sample in samples if sample.versions}
+    return Rows(columns, damaged, versions, {sample.number: sample.written for sample in samples})
 
 
 def mixed_versions(grids: Mapping[str, Rows]) -> str:
@@ -213,3 +248,9 @@ def _column(values: list[Scalar | None]) -> np.ndarray:
     if any(isinstance(value, str) for value in values):
         return np.array(["" if value is None else str(value) for value in values])
     return np.array([np.nan if value is None else value for value in values])
+
+
+@cache
+def package_versions() -> Mapping[str, str]:
+    """Versions of the packages that a result depends on."""
+    return {"jaxmpm": __version__} | {name: version(name) for name in ("jax", "jaxlib", "numpy", "scipy", "h5py")}

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
-from jaxmpm.support import files
-from jaxmpm.support.files import write_aside
 from jaxmpm.support.text import short
 
-SCENE, CAMPAIGN = "scene.toml", "campaign.json"
-"""Files of a folder that hold what its campaign was made from, see `Source`."""
 MOST_TEXT = 2**20
-"""Bytes that a scene, a lock or another small text of a campaign's folder may have."""
+"""Bytes that a scene or a lock may have."""
 MOST_BESIDE = 2**26
-"""Bytes that `campaign.json` may have."""
+"""Bytes that the tables beside a scene may have."""
 MOST_ENTRIES = 10**6
 """Values, lists and tables that a scene and what stands beside it may have."""
 MOST_SPELLED = 2**25
@@ -79,17 +73,6 @@ class Source:
         """A scene that is given again, with the tables of its folder that it does not have."""
         missing = {key: there.tables[key] for key in OF_THE_FOLDER if key in there.tables and key not in self.tables}
         return Source(self.text, {**self.beside, **missing})
-
-    def write(self, folder: Path, scene: str = SCENE) -> None:
-        """Begin the folder of a campaign, or of a sweep, with it.
-
-        Raises:
-            OSError: the disk refuses.
-        """
-        # First, so that no scene is ever without what goes with it; alone it is no campaign yet.
-        write_aside(folder / CAMPAIGN, json.dumps(self.beside).encode())
-        if self.text is not None:
-            write_aside(folder / scene, self.text.encode())
 
 
 def _plain(value: object) -> object:
@@ -183,68 +166,28 @@ def scene_digest(scene_text: str) -> str:
     return Source(scene_text).digest
 
 
-def stored_source(folder: Path, scene: str = SCENE) -> Source | None:
-    """What the campaign in a folder was made from, None where no campaign has begun there.
+def source_from(text: str | None, beside: str, where: str) -> Source:
+    """What a campaign was made from, of the texts that a folder stores.
 
     Args:
-        folder: of the campaign, or of a sweep.
-        scene: name of the file with the scene.
-
-    A scene without `campaign.json` is one that somebody put there, and `campaign.json` alone a campaign that was killed
-    as it began.
+        text: the scene in TOML, None for a campaign that was written in Python.
+        beside: the tables beside it in JSON.
+        where: they stand, for messages.
 
     Raises:
-        ValueError: a file is no regular file, no text, no TOML or no JSON.
+        ValueError: no TOML, no JSON, or more than a scene has.
     """
-    path, beside = folder / scene, _beside(folder / CAMPAIGN)
-    if not os.path.lexists(path):
-        return Source(None, beside) if "campaign" in beside else None
-    if not os.path.lexists(folder / CAMPAIGN):
-        return None
     try:
-        text = files.read_plain(path, MOST_TEXT).decode("utf-8-sig")
-        check_bounds(str(path), tomllib.loads(text) | beside)
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not text in UTF-8: {error}") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ValueError(f"{path} is not valid TOML: {error}") from error
-    return Source(text, beside)
-
-
-def _beside(path: Path) -> dict[str, object]:
-    """The tables beside a scene's text; none where there is no such file."""
-    if not os.path.lexists(path):
-        return {}
-    try:
-        data = files.read_plain(path, MOST_BESIDE)
-        if sum(map(data.count, (b",", b"[", b"{"))) > MOST_ENTRIES:
+        if sum(map(beside.count, ",[{")) > MOST_ENTRIES:
             raise ValueError(f"it has more than {MOST_ENTRIES} values")
-        tables = json.loads(data)
+        tables = json.loads(beside)
         if not isinstance(tables, dict):
             raise ValueError("it is no object")
-        check_bounds("it", tables)
+        source = Source(text, tables)
+        source.tables  # noqa: B018, checks them
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is damaged ({error}): put back the file that the campaign began with") from error
-    return tables
-
-
-def refuse_another(folder: Path, source: Source) -> Source | None:
-    """What the campaign in a folder was made from, None where none has begun there.
-
-    Args:
-        folder: of the campaign.
-        source: what the campaign was made from.
-
-    Raises:
-        ValueError: the folder is of another campaign; the message names what differs.
-    """
-    there = stored_source(folder)
-    if there is not None and (differ := differences(there, source)):
-        raise ValueError(
-            f"folder {folder} belongs to another scene ({'; '.join(differ)}): "
-            "give another folder, or the scene that it was started with"
-        )
-    return there
+        raise ValueError(f"{where} is damaged ({error}): put back what the campaign began with") from error
+    return source
 
 
 def differences(there: Source, asked: Source, most: int = 5) -> list[str]:

@@ -11,6 +11,7 @@ of ground changes the box that holds it, the terms of its field differ too, and 
 intervals of differences are wider then.
 
     sweep.toml                    the scene, verbatim
+    campaign.json                 points and heights of the files that it names
     campaigns/base, lx-10 ...     campaigns, each as `cooperative.campaign.run` leaves it
     sweep.json                    P_f, differences to the base and mode ratios, with intervals; fragility curves
     sweep.csv                     the same as a table
@@ -21,6 +22,7 @@ intervals of differences are wider then.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -51,25 +53,27 @@ from cooperative.scene import (
     RANKED,
     SCALES,
     SCENARIO,
+    Measured,
     Variant,
     campaign_of,
     parse,
-    settled,
+    source_of,
     stored_measured,
     variants,
     with_measured_of_base,
     write_measured,
 )
-from cooperative.store import CAMPAIGN, GRIDS, Rows, Source, own_folder, read_store, stored_source, write_aside
+from cooperative.store import GRIDS, Rows, Source, open_store, own_folder, read_store, source_from, write_aside
 from cooperative.summary import Summary, summarise
 from cooperative.tools import sweep_report as figures
 from cooperative.tools.sweep_report import LABELS, RECORDS, Point
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support import files
 from jaxmpm.support.text import printable
 
 __all__ = ["LABELS", "Content", "Variant", "run", "variants"]
 
-SWEEP = "sweep.toml"
+SWEEP, BESIDE = "sweep.toml", "campaign.json"
 FEWEST = 3
 """Levels of a fragility curve."""
 
@@ -101,7 +105,8 @@ def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress:
         ValueError: a sweep that will not do, before anything is run, or a folder of another sweep.
     """
     folder = Path(folder)
-    source = settled(scene, folder, SWEEP)
+    source, there = source_of(scene), _stored_source(folder)
+    source = source if there is None else source.completed(there)
     parts = variants(source)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
@@ -141,7 +146,7 @@ def _share_audit(parts: list[Variant], folder: Path, *, workers: int, progress: 
         populations.append(_population(where[part.name]))
     shared = shared_audit(populations)
     for each in where.values():
-        write_measured(each, replace(stored_measured(each), shared=shared))
+        _write_measured(each, replace(stored_measured(each), shared=shared))
 
 
 def _population(folder: Path) -> Population:
@@ -157,7 +162,13 @@ def _take_runs_of_base(folder: Path, base: Summary) -> None:
     """Have a campaign refine as many samples as the base did, where a target decides of them."""
     measured = stored_measured(folder)
     if measured.shared is not None and measured.shared.runs is None:
-        write_measured(folder, replace(measured, shared=replace(measured.shared, runs=base.probability.runs)))
+        _write_measured(folder, replace(measured, shared=replace(measured.shared, runs=base.probability.runs)))
+
+
+def _write_measured(folder: Path, measured: Measured) -> None:
+    """Keep numbers in the database of one campaign."""
+    with open_store(folder, read_store(folder).source) as store:
+        write_measured(store, measured)
 
 
 def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) -> Content:
@@ -208,7 +219,7 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
     drawn = list(figures.drawn(base, parameters, fragility))
     for each in drawn:
         save(each.figure, own_folder(folder / "figures") / f"{each.name}.png")
-    scene = stored_source(folder, SWEEP)
+    scene = _stored_source(folder)
     assert scene is not None
     write_aside(folder / "report.html", figures.page(base, parameters, drawn, scene.words).encode())
     if progress:
@@ -218,16 +229,29 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
     return content
 
 
+def _stored_source(folder: Path) -> Source | None:
+    """What the sweep in a folder was made from, None where none has begun there."""
+    if not all(os.path.lexists(folder / name) for name in (SWEEP, BESIDE)):
+        return None
+    try:
+        text, beside = (files.read_plain(folder / name).decode("utf-8-sig") for name in (SWEEP, BESIDE))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{folder / SWEEP} is not text in UTF-8: {error}") from error
+    return source_from(text, beside, str(folder / SWEEP))
+
+
 def _claim(folder: Path, source: Source) -> None:
     """Make the folder, or see that it is this sweep's."""
-    there = stored_source(folder, SWEEP)
+    there = _stored_source(folder)
     if there is not None and there.tables != source.tables:
         raise ValueError(f"folder {folder} belongs to another sweep: give another folder, or the scene it has")
-    if there is None and folder.exists() and any(each.name != CAMPAIGN for each in folder.iterdir()):
+    if there is None and folder.exists() and any(each.name != BESIDE for each in folder.iterdir()):
         raise ValueError(f"folder {folder} is not empty, and no sweep has begun there: give a new or empty folder")
     folder.mkdir(parents=True, exist_ok=True)
     if there is None:
-        source.write(folder, SWEEP)
+        # First, so that no scene is ever without what goes with it; alone it is no sweep yet.
+        write_aside(folder / BESIDE, json.dumps(source.beside).encode())
+        write_aside(folder / SWEEP, (source.text or "").encode())
     for name in ("campaigns", "figures"):
         own_folder(folder / name)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 import time
 import warnings
@@ -127,12 +128,14 @@ def append_to(path: Path) -> Iterator[TextIO]:
         yield file
 
 
-def read_plain(path: str | Path, most: int = MOST) -> bytes:
+def read_plain(path: str | Path, most: int = MOST, *, first: int = -1, last: int | None = None) -> bytes:
     """Bytes of a regular file; a pipe is not waited for.
 
     Args:
         path: file to read.
         most: largest size allowed (bytes).
+        first: number of bytes to read, -1 for all.
+        last: number of bytes from the end of the file to read instead.
 
     Returns:
         Its bytes.
@@ -159,7 +162,9 @@ def read_plain(path: str | Path, most: int = MOST) -> bytes:
         if about.st_size > most:
             raise DamagedFile(f"{path} has {about.st_size} bytes, more than the {most} that such a file may have")
         with open(descriptor, "rb", closefd=False) as file:
-            return file.read()
+            if last is not None:
+                file.seek(max(about.st_size - last, 0))
+            return file.read(first)
     finally:
         os.close(descriptor)
 
@@ -195,10 +200,33 @@ def set_aside(path: Path) -> Path:
     Raises:
         OSError: If the system refuses.
     """
+    target = _unused(path)
+    os.rename(path, target)
+    return target
+
+
+def copy_aside(path: Path) -> Path:
+    """Copy a damaged file to `*.damaged`, under a name that is not used.
+
+    Args:
+        path: to copy.
+
+    Returns:
+        The path of the copy.
+
+    Raises:
+        OSError: If the system refuses.
+    """
+    target = _unused(path)
+    with explained(target):
+        return Path(shutil.copyfile(path, target))
+
+
+def _unused(path: Path) -> Path:
+    """A name for a damaged file beside it that is not used."""
     target, again = path.with_name(path.name + ".damaged"), 1
     while os.path.lexists(target):
         target, again = path.with_name(f"{path.name}.{again}.damaged"), again + 1
-    os.rename(path, target)
     return target
 
 

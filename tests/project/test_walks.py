@@ -12,7 +12,7 @@ import pytest
 from benchmarks.project import docs
 from cooperative._arguments import parser
 from cooperative.scene import parse
-from cooperative.store import read_store
+from tests.databases import finished
 from tests.scenes import write_gef
 
 PAGES = [*docs.pages(), "CONTRIBUTING.md"]
@@ -137,5 +137,5 @@ def test_job_of_the_cluster_runs_the_campaign_and_leaves_its_log(walked):
     result = subprocess.run(["bash", "-c", script], cwd=walked, capture_output=True, text=True, timeout=500)
     assert "probability of failure" in result.stdout, result.stderr
     folder = walked / "out" / "bank"
-    assert len(list((read_store(folder).folder / "samples" / "rough").glob("*.h5"))) == 10
+    assert len(finished(folder, "rough")) == 10
     assert (folder / "progress.log").read_text().endswith("done\n")

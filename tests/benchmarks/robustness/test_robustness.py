@@ -11,8 +11,8 @@ from benchmarks.robustness import foreign_files, hostile_scenes, lives, robustne
 from benchmarks.robustness.invented import SCENE
 from cooperative import _commands, campaign
 from cooperative.scene import parse
-from cooperative.store import read_sample, read_store, sample_path
-from jaxmpm.support import hdf5
+from cooperative.store import _runs
+from tests.databases import by_sql, delete
 
 SMALL = SCENE.replace("samples = 50", "samples = 16").replace("refined_runs = 15", "refined_runs = 10")
 
@@ -52,7 +52,7 @@ def refusal(text):
         (lambda given: raised(ValueError("two\nlines")), "refused"),  # the command masks what would break its line
         (lambda given: raised(ValueError("\x1b[2J")), "refused"),
         (lambda given: (print("more", file=hostile_scenes.sys.stderr), raised(ValueError("one line"))), "noise"),
-        (lambda given: (given.out.mkdir(), (given.out / "scene.toml").touch(), raised(ValueError("late"))), "noise"),
+        (lambda given: (given.out.mkdir(), (given.out / "campaign.db").touch(), raised(ValueError("late"))), "noise"),
         (lambda given: raised(ValueError("one line")), "refused"),
         (lambda given: raised(hostile_scenes.Began()), "began"),
     ],
@@ -66,23 +66,23 @@ def raised(error):
     raise error
 
 
-def test_no_damage_to_a_sample_goes_undetected(finished):
+def test_no_damage_to_a_campaign_goes_undetected(finished):
     assert robustness.damage(80, finished, seed=0) == (84, [])
 
 
-def test_damage_would_show_if_seals_were_not_looked_at(finished, monkeypatch):
-    class Fits:
-        def __ne__(self, other):
-            return False
+def test_damage_would_show_if_checksums_were_not_looked_at(finished, monkeypatch):
+    expected = robustness.contents(finished)
+    by_sql(finished, "update run set displacement = displacement + 1 where sample = 3")
+    assert not robustness.accepted(finished, expected)
+    by_sql(finished, "update run set sha256 = '' where sample = 3")
+    monkeypatch.setattr(_runs, "checksum", lambda digest, row: row["sha256"])
+    assert robustness.accepted(finished, expected)
 
-    store = read_store(finished)
-    path, expected = sample_path(store, "rough", 3), lives.content(store, "rough", 3)
-    number = read_sample(store, "rough", 3).coefficients[:1].tobytes()
-    changed = path.read_bytes().replace(number, number[:-1] + bytes([number[-1] ^ 1]))
-    path.write_bytes(changed)
-    assert not robustness.accepted(store, "rough", 3, expected)
-    monkeypatch.setattr(hdf5, "seal", lambda *_: Fits())
-    assert robustness.accepted(store, "rough", 3, expected)
+
+def test_a_sample_that_lacks_unsaid_would_show(finished):
+    expected = robustness.contents(finished)
+    delete(finished, "rough", 3)
+    assert robustness.accepted(finished, expected)
 
 
 def test_nothing_made_by_hand_is_accepted_or_leads_outside(finished, tmp_path):
@@ -96,7 +96,7 @@ def test_what_is_lost_is_named(finished, tmp_path):
     campaign.run(SMALL, other)
     assert lives.differences(other, finished) == []
     (other / "summary.json").write_text((finished / "summary.json").read_text().replace("0", "1"))
-    (other / "samples" / "rough" / "000004.h5").unlink()
+    delete(other, "rough", 4)
     assert len(lives.differences(other, finished)) == 2
 
 

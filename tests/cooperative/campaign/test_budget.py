@@ -10,9 +10,10 @@ from benchmarks.robustness.invented import SCENE
 from cooperative import campaign, reporting
 from cooperative.__main__ import main
 from cooperative.scene import Budget, campaign_of, stored_budget
-from cooperative.store import read_rows, read_store
+from cooperative.store import open_store, read_rows, read_store
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.campaign.test_cli import invented_campaign
+from tests.databases import by_sql, keep
 
 pytestmark = pytest.mark.usefixtures("made_up")
 
@@ -81,10 +82,15 @@ def test_what_a_folder_allows_does_not_shrink(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "content",
-    ["", "[30]", '{"refined_runs": "30", "scene": 15}', '{"refined_runs": 1e99, "scene": 1}', "[" * 9999, "\xff"],
+    "content", ["", "[30]", '{"refined_runs": "30", "scene": 15}', '{"refined_runs": 1e99, "scene": 1}', "[" * 9999]
 )
-def test_a_damaged_budget_is_named(content, tmp_path):
-    (tmp_path / "budget.json").write_text(content, encoding="latin-1")
-    with pytest.raises(ValueError, match=r"budget\.json holds .*: delete it, and say --refined-runs again"):
+def test_a_budget_that_is_none_is_named(content, tmp_path):
+    open_store(tmp_path, SCENE).close()
+    keep(tmp_path, "budget", content)
+    with pytest.raises(ValueError, match=r"campaign\.db holds no budget that .*delete from campaign"):
         stored_budget(tmp_path)
+    by_sql(tmp_path, "update campaign set value = '{}' where name = 'budget'")
+    with pytest.raises(ValueError, match=r"campaign\.db holds another budget than was written: .*delete from campaign"):
+        stored_budget(tmp_path)
+    by_sql(tmp_path, "delete from campaign where name = 'budget'")
+    assert stored_budget(tmp_path) is None

@@ -1,6 +1,5 @@
 """Campaigns whose failure is the limit load: the displacement that it gives, stored, reported and used everywhere."""
 
-import json
 from types import SimpleNamespace
 
 import pytest
@@ -8,8 +7,9 @@ import pytest
 import jaxmpm as mpm
 from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import Calibration, LimitLoad, campaign_of, measure_limit_load, parse
+from cooperative.scene import Calibration, LimitLoad, Measured, campaign_of, measure_limit_load, parse, write_measured
 from cooperative.store import open_store, read_rows, read_store
+from tests.databases import keep, stored
 
 PLASTIC = (
     TINY.replace("softening_modulus = 85e3\nresidual_ratio = 0.5\n", "")
@@ -53,17 +53,17 @@ def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
 
 def test_it_is_measured_once_and_stored(done):
     folder, summary = done
-    stamp = (folder / "measured.json").stat().st_mtime_ns
+    before = (folder / "campaign.db").read_bytes()
     assert run(PLASTIC, folder) == summary
-    assert (folder / "measured.json").stat().st_mtime_ns == stamp
+    assert (folder / "campaign.db").read_bytes() == before
     campaign = campaign_of(read_store(folder))
     assert campaign.run.failure_displacement == summary.probability.limit_load.displacement
     assert campaign.run.settling.slides == campaign.run.failure_displacement
-    measured = json.loads((folder / "measured.json").read_text())
-    measured["limit_load"]["displacement"] = -1.0
-    (folder / "measured.json").write_text(json.dumps(measured))
-    with pytest.raises(ValueError, match=r"measured\.json holds no numbers .* = -1 m: .*delete it to measure it again"):
+    measured = stored(folder, "measured")
+    keep(folder, "measured", measured | {"limit_load": measured["limit_load"] | {"displacement": -1.0}})
+    with pytest.raises(ValueError, match=r"campaign\.db holds no measured .* = -1 m: .*delete from campaign"):
         campaign_of(read_store(folder))
+    keep(folder, "measured", measured)
 
 
 def test_a_campaign_killed_before_its_first_sample_measures_nothing_again(tmp_path, monkeypatch):
@@ -85,14 +85,14 @@ def test_a_campaign_killed_before_its_first_sample_measures_nothing_again(tmp_pa
     monkeypatch.undo()
     for name in known:
         monkeypatch.setattr(f"cooperative.scene._measured.{name}", kill)
-    measured = json.loads((tmp_path / "measured.json").read_text())
+    measured = stored(tmp_path, "measured")
     assert (measured["limit_load"]["displacement"], measured["calibration"]["rough"]) == (0.3, 1.2)
     summary = run(text, tmp_path)
-    assert json.loads((tmp_path / "measured.json").read_text()) == measured
+    assert stored(tmp_path, "measured") == measured
     pf = summary.probability
     assert (pf.limit_load, pf.calibration.refined) == (LimitLoad(**measured["limit_load"]), 1.1)
     # A kill between two measurements costs the second alone.
-    (tmp_path / "measured.json").write_text(json.dumps({name: measured[name] for name in ("terms", "limit_load")}))
+    keep(tmp_path, "measured", {name: measured[name] for name in ("terms", "limit_load")})
     with pytest.raises(Killed):
         run(text, tmp_path)
 
@@ -116,12 +116,12 @@ def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
 
 def test_a_stored_limit_load_is_checked_like_a_scenes(tmp_path):
     with open_store(tmp_path, PLASTIC) as store:
-        load = '{"factor": 1.1, "displacement": 0.3, "volume": 3.0}'
-        (tmp_path / "measured.json").write_text(f'{{"limit_load": {load}}}')
+        load = {"factor": 1.1, "displacement": 0.3, "volume": 3.0}
+        write_measured(store, Measured(limit_load=LimitLoad(**load)))
         campaign = campaign_of(store)
     assert (campaign.run.failure_displacement, campaign.failing_volume) == (0.3, 3.0)
-    (tmp_path / "measured.json").write_text(f'{{"limit_load": {load.replace("0.3", "-1")}}}')
-    with pytest.raises(ValueError, match=r"measured\.json holds no numbers .*displacement = -1.*measure it again"):
+    keep(tmp_path, "measured", {"limit_load": load | {"displacement": -1}})
+    with pytest.raises(ValueError, match=r"campaign\.db holds no measured .*displacement = -1.*delete from campaign"):
         campaign_of(read_store(tmp_path))
 
 

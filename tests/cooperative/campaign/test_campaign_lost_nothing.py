@@ -1,6 +1,5 @@
 """Nothing is lost: campaigns starved of disk, damaged or doubled end with the answer of an undisturbed one."""
 
-import errno
 import os
 import shutil
 from contextlib import nullcontext
@@ -12,7 +11,8 @@ from benchmarks.robustness import invented, lives
 from benchmarks.robustness.invented import SCENE
 from cooperative import campaign, reporting
 from cooperative.__main__ import main
-from cooperative.store import _disk, open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.store import _runs, open_store, read_rows, read_sample, read_store, write_sample
+from tests.databases import delete, fields_file, finished, spoil
 
 pytestmark = pytest.mark.usefixtures("made_up")
 
@@ -37,9 +37,9 @@ def test_a_sample_of_another_field_is_set_aside_and_redone(undisturbed, tmp_path
     shutil.copytree(undisturbed, folder)
     with open_store(folder, SCENE) as store:
         sample = read_sample(store, "rough", 7)
-        sample_path(store, "rough", 7).unlink()
+        delete(folder, "rough", 7)
         write_sample(store, "rough", replace(sample, coefficients=sample.coefficients[:3]))
-    with pytest.warns(UserWarning, match=r"000007\.h5 holds 3 coefficients of a field that has 20: set aside"):
+    with pytest.warns(UserWarning, match=r"sample 7 of .* holds 3 coefficients of a field that has 20: set aside"):
         campaign.run(SCENE, folder)
     assert_as_undisturbed(folder, undisturbed)
 
@@ -47,42 +47,44 @@ def test_a_sample_of_another_field_is_set_aside_and_redone(undisturbed, tmp_path
 def test_damaged_samples_are_named_and_redone(undisturbed, tmp_path):
     folder = tmp_path / "damaged"
     campaign.run(SCENE, folder)
-    store = read_store(folder)
-    refined = read_rows(store, "refined").numbers
-    flipped = sample_path(store, "rough", 7)
-    data = bytearray(flipped.read_bytes())
-    data[len(data) // 2] ^= 0x01
-    flipped.write_bytes(data)
-    short = sample_path(store, "refined", refined[3])
-    short.write_bytes(short.read_bytes()[:5000])
-    foreign = sample_path(store, "rough", 11)
-    foreign.write_bytes(sample_path(store, "rough", 12).read_bytes())
+    refined = read_rows(read_store(folder), "refined").numbers
+    spoil(folder, "rough", 7)
+    fields_file(folder, "refined", refined[3]).unlink()
     with pytest.warns(UserWarning, match="run again") as warned:
         campaign.run(SCENE, folder)
     messages = " ".join(str(warning.message) for warning in warned)
-    for path in (flipped, short, foreign):
-        assert path.name in messages
-        assert path.with_name(path.name + ".damaged").exists()
+    assert "sample 7 of the rough grid does not match its checksum: set aside in campaign.db.damaged" in messages
+    assert f"sample {refined[3]} of the refined grid lacks its file" in messages
+    assert (folder / "campaign.db.damaged").exists()
+    assert_as_undisturbed(folder, undisturbed)
+
+
+def test_a_damaged_database_gives_what_is_whole_and_the_rest_runs_again(undisturbed, tmp_path):
+    folder = tmp_path / "damaged"
+    campaign.run(SCENE, folder)
+    data = bytearray((folder / "campaign.db").read_bytes())
+    at = data.rfind(read_sample(read_store(folder), "rough", 7).coefficients.tobytes()) // 4096 * 4096
+    data[at : at + 4096] = bytes(4096)
+    (folder / "campaign.db").write_bytes(data)
+    with pytest.warns(UserWarning, match=r"campaign\.db is damaged .*runs are whole, the others are run again"):
+        campaign.run(SCENE, folder)
     assert_as_undisturbed(folder, undisturbed)
 
 
 def test_a_file_that_rotted_unseen_is_redone_when_asked_to_verify(undisturbed, tmp_path, monkeypatch):
     folder = tmp_path / "rotten"
     shutil.copytree(undisturbed, folder)
-    campaign.run(SCENE, folder)
-    path = folder / "samples/rough/000007.h5"
-    before, real = _disk.stamp_of(path), _disk.stamp_of
+    path = fields_file(folder, "rough", next(iter(finished(folder, "rough"))))
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    # A bit that flips on the disk changes neither size nor times.
-    monkeypatch.setattr(_disk, "stamp_of", lambda each: before if each == path else real(each))
     monkeypatch.setattr(reporting, "report", lambda folder: "")
     campaign.run(SCENE, folder)
-    assert not path.with_name("000007.h5.damaged").exists()
-    with pytest.warns(UserWarning, match=r"000007\.h5 does not match its checksum.*set aside, the sample is run again"):
+    assert path.read_bytes() == data
+    with pytest.warns(UserWarning, match=rf"{path.name} does not match its checksum: set aside") as warned:
         assert main(["resume", str(folder), "--workers", "1", "--verify"]) == 0
-    assert path.with_name("000007.h5.damaged").exists()
+    assert any("the sample is run again" in str(warning.message) for warning in warned)
+    assert path.with_name(f"{path.name}.damaged").exists()
     assert_as_undisturbed(folder, undisturbed)
 
 
@@ -90,21 +92,22 @@ def test_a_file_that_rotted_unseen_is_redone_when_asked_to_verify(undisturbed, t
 def test_a_full_disk_stops_with_a_message_and_room_lets_it_go_on(after, undisturbed, tmp_path, monkeypatch, capsys):
     scene, folder = tmp_path / "scene.toml", tmp_path / "full"
     scene.write_text(SCENE)
-    real, written = os.replace, []
+    real, written = _runs.insert, []
 
-    def replace(part, path):
-        if str(path).endswith(".h5"):
-            written.append(path)
-            if len(written) > after:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        real(part, path)
+    def insert(database, row):
+        pages = database.execute("PRAGMA page_count").fetchone()[0]
+        database.execute(f"PRAGMA max_page_count = {pages if len(written) == after else 10**6}")
+        real(database, row | {"coefficients": bytes(10**6)} if len(written) == after else row)
+        written.append(row)
 
     with monkeypatch.context() as patched:
-        patched.setattr(os, "replace", replace)
+        patched.setattr(_runs, "insert", insert)
         with pytest.warns(UserWarning, match="a slide may reach the end of the ground"):
             assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == 2
     printed = capsys.readouterr().err.splitlines()[-1]
-    assert printed.startswith(f"error: cannot write {written[-1]} (No space left on device): make room and start")
+    assert printed.startswith(
+        f"error: cannot use {folder}/campaign.db (database or disk is full): make room, and start"
+    )
     store = read_store(folder)
     assert not list(folder.rglob("*.part"))
     assert len(read_rows(store, "rough").numbers) + len(read_rows(store, "refined").numbers) == after

@@ -4,7 +4,9 @@ import contextlib
 import io
 import os
 import random
+import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import textwrap
@@ -21,8 +23,9 @@ from benchmarks.robustness import hostile_files, invented, lives
 from cooperative import campaign
 from cooperative.__main__ import main
 from cooperative.reporting import _composition, _exports, _interactive, _plots
-from cooperative.store import DamagedFile, read_sample, read_store
+from cooperative.store import DamagedFile, _database, _samples, read_store
 from tests import ROOT
+from tests.databases import by_sql, delete, finished, spoil
 
 SCENE = invented.SCENE.replace("samples = 50", "samples = 20").replace("refined_runs = 15", "refined_runs = 10")
 
@@ -59,58 +62,60 @@ class Folder(RuleBasedStateMachine):
         super().__init__()
         type(self).count += 1
         self.folder = self.where / f"campaign-{self.count}"
-        self.touched = False
+        self.struck = False  # whether its database was damaged, and not only a row of it
 
     def there(self):
         """Whether the folder is a campaign's by now."""
-        return (self.folder / "scene.toml").exists()
+        return (self.folder / "campaign.db").exists()
 
-    def samples(self):
-        """The samples' files, in order."""
-        return sorted(self.folder.glob("samples/*/[0-9]*.h5"))
-
-    def damaged(self):
-        """Files that cannot be read, by name."""
-        return {path for path in self.samples() if not self.readable(path)}
-
-    def readable(self, path):
+    def runs(self):
+        """Grid and number of the runs that have ended, in order."""
         try:
-            read_sample(read_store(self.folder), path.parent.name, int(path.stem))
-        except DamagedFile:
-            return False
-        return True
+            return by_sql(self.folder, "select grid, sample from run order by 1, 2") if self.there() else []
+        except sqlite3.DatabaseError:
+            return []
 
     @rule(command=st.sampled_from(["run", "resume"]))
     def runs_to_the_end(self, command):
-        """Every damaged file is named, and the answer is that of the undisturbed campaign."""
+        """The answer is that of the undisturbed campaign, or nothing of the scene is left and it says so."""
         if command == "resume" and not self.there():
             return
-        damaged = self.damaged() if self.there() else set()
-        with warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("always")
-            campaign.run(SCENE if command == "run" else read_store(self.folder).source, self.folder)
-        messages = " ".join(str(warning.message) for warning in warned)
-        assert all(str(path) in messages for path in damaged)
-        assert [line for line in lives.differences(self.folder, self.undisturbed) if "aside" not in line] == []
+        refused = None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                source = SCENE if command == "run" else read_store(self.folder).source
+                campaign.run(source, self.folder, verify=True)
+            except DamagedFile as error:
+                refused = str(error)
+        if refused is None:
+            assert [line for line in lives.differences(self.folder, self.undisturbed) if "aside" not in line] == []
+        else:
+            assert self.struck, refused
+            assert "put back" in refused
+            shutil.rmtree(self.folder)
+        self.struck = False
 
     @rule(writes=st.integers(0, 40), after=st.booleans())
     def is_cut_short(self, writes, after):
-        """It ends at a write: before the file takes its place, or just after."""
-        real, left = os.replace, writes
+        """It ends at a write: before a transaction is committed, or just after."""
+        left = writes
 
-        def replace(part, path):
+        @contextlib.contextmanager
+        def transaction(*given):
             nonlocal left
             left -= 1
-            if left < 0 and not after:
-                raise Cut
-            real(part, path)
+            with _database.transaction(*given) as database:
+                yield database
+                if left < 0 and not after:
+                    raise Cut
             if left < 0:
                 raise Cut
 
         with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            patched.setattr(os, "replace", replace)
-            with contextlib.suppress(Cut):
+            patched.setattr(_samples, "transaction", transaction)
+            with contextlib.suppress(Cut, DamagedFile):
                 campaign.run(SCENE, self.folder)
 
     @rule(milliseconds=st.integers(0, 200))
@@ -122,25 +127,34 @@ class Folder(RuleBasedStateMachine):
         os.kill(life, signal.SIGKILL)
         assert self.lives.stdout.readline() == "gone\n"
 
-    @precondition(lambda self: self.samples())
-    @rule(seed=st.integers(0, 10**6))
-    def a_sample_is_damaged(self, seed):
-        path = random.Random(seed).choice(self.samples())
+    @precondition(lambda self: self.runs())
+    @rule(seed=st.integers(0, 10**6), what=st.sampled_from(["row", "fields", "database"]))
+    def something_is_damaged(self, seed, what):
+        generator = random.Random(seed)
+        grid, number = generator.choice(self.runs())
+        paths = list((self.folder / "fields").glob(f"{grid}-{number:06d}-*.h5"))
+        if what == "row":
+            with contextlib.suppress(sqlite3.DatabaseError):
+                spoil(self.folder, grid, number)
+            return
+        path = self.folder / "campaign.db" if what == "database" or not paths else paths[0]
         ((_, data),) = list(hostile_files.damaged(path.read_bytes(), 1 + seed % 5, seed=seed))[-1:]
         path.write_bytes(data)
+        self.struck = self.struck or path.name == "campaign.db"
 
-    @precondition(lambda self: self.samples())
+    @precondition(lambda self: self.runs())
     @rule(seed=st.integers(0, 10**6))
     def samples_are_deleted(self, seed):
         generator = random.Random(seed)
-        for path in generator.sample(self.samples(), generator.randint(1, min(5, len(self.samples())))):
-            path.unlink()
+        for grid, number in generator.sample(self.runs(), generator.randint(1, min(5, len(self.runs())))):
+            with contextlib.suppress(sqlite3.DatabaseError):
+                delete(self.folder, grid, number)
 
-    @rule(name=st.sampled_from(["summary.json", ".lock", "table.csv", "samples/rough"]))
+    @rule(name=st.sampled_from(["summary.json", ".lock", "table.csv", "fields"]))
     def something_else_is_deleted(self, name):
         path = self.folder / name
-        if path.is_dir() and not any(path.iterdir()):
-            path.rmdir()
+        if path.is_dir():
+            shutil.rmtree(path)
         elif path.is_file():
             path.unlink()
 
@@ -186,14 +200,14 @@ def unwritten(made_up):
 @pytest.mark.usefixtures("unwritten")
 def test_a_report_names_the_refined_runs_that_it_cannot_rank(tmp_path, capsys):
     campaign.run(SCENE, tmp_path)
-    first, second, *_ = sorted(tmp_path.glob("samples/refined/*.h5"))
-    (tmp_path / "samples" / "rough" / first.name).unlink()
-    (tmp_path / "samples" / "rough" / second.name).write_bytes(b"nothing")
+    first, second, *_ = sorted(finished(tmp_path, "refined"))
+    delete(tmp_path, "rough", first)
+    spoil(tmp_path, "rough", second)
     assert main(["report", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert f"refined run {int(first.stem)} has no rough run beside it: resume" in printed
-    assert f"refined run {int(second.stem)} has no rough run beside it: resume" in printed
-    assert f"{second.name} is not a cooperative sample file: will be run again" in printed
+    assert f"refined run {first} has no rough run beside it: resume" in printed
+    assert f"refined run {second} has no rough run beside it: resume" in printed
+    assert f"sample {second} of the rough grid does not match its checksum: will be run again" in printed
     with pytest.warns(UserWarning, match="set aside"):
         campaign.run(SCENE, tmp_path)
     assert main(["report", str(tmp_path)]) == 0

@@ -2,7 +2,6 @@
 
 import html
 import json
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +13,10 @@ from cooperative import run, runs
 from cooperative.reporting import report
 from cooperative.reporting._progress import progress_of
 from cooperative.scene import parse, stored_measured, with_measured
-from cooperative.store import Rows, read_rows, read_store
+from cooperative.store import Rows, open_store, read_rows, read_store
 from cooperative.summary import Summary, summarise
 from tests.cooperative.campaign.test_campaign import TINY, changed
+from tests.databases import keep, stored
 
 AS_PUBLISHED = TINY.replace("tension_cutoff = 0.0", 'tension_cutoff = 0.0\nsoftening_length = "cell"').replace(
     "spacing = [", "fbar = false\nspacing = ["
@@ -133,9 +133,9 @@ def test_calibration_is_measured_once_and_lowers_the_rough_strength(tmp_path):
     calibration = summary.probability.calibration
     assert calibration.factor == pytest.approx(calibration.refined / calibration.rough)
     assert 0.5 < calibration.factor < 1
-    stamp = (tmp_path / "out" / "measured.json").stat().st_mtime_ns
+    before = (tmp_path / "out" / "campaign.db").read_bytes()
     assert run(text, tmp_path / "out") == summary
-    assert (tmp_path / "out" / "measured.json").stat().st_mtime_ns == stamp
+    assert (tmp_path / "out" / "campaign.db").read_bytes() == before
     # The same samples as without; they slide farther.
     campaign = with_measured(parse(text), tmp_path / "out")
     assert campaign.measured.calibration.factor == calibration.factor
@@ -158,7 +158,7 @@ def test_known_factors_of_safety_are_taken_from_the_scene(tmp_path):
     text = text.replace("t_end = 4.0", "t_end = 0.3")
     factors = run(text, tmp_path / "out").as_json()["probability"]["calibration"]
     assert factors == {"rough": 1.2, "refined": 1.1, "factor": pytest.approx(1.1 / 1.2)}
-    assert json.loads((tmp_path / "out" / "measured.json").read_text())["calibration"] == {"rough": 1.2, "refined": 1.1}
+    assert stored(tmp_path / "out", "measured")["calibration"] == {"rough": 1.2, "refined": 1.1}
 
 
 def test_summary_tells_modes_fits_severity_and_what_more_runs_would_buy(tiny_campaign):
@@ -205,14 +205,9 @@ def test_rows_written_before_modes_were_stored_still_read(tiny_campaign):
     ],
 )
 def test_stored_factors_of_safety_are_checked_like_a_scenes(tmp_path, content):
-    (tmp_path / "measured.json").write_text(f'{{"calibration": {content}}}')
-    with pytest.raises(ValueError, match=r"measured\.json holds no numbers that were measured .*delete it"):
-        stored_measured(tmp_path)
-
-
-def test_stored_factors_of_safety_are_read_from_a_file_alone(tmp_path):
-    os.mkfifo(tmp_path / "measured.json")
-    with pytest.raises(ValueError, match="no regular file"):
+    open_store(tmp_path, TINY).close()
+    keep(tmp_path, "measured", f'{{"calibration": {content}}}')
+    with pytest.raises(ValueError, match=r"campaign\.db holds no measured that .*delete from campaign"):
         stored_measured(tmp_path)
 
 

@@ -185,7 +185,7 @@ def done(tmp_path_factory):
 
 def test_it_runs_goes_on_and_is_reported_from_its_folder_alone(done):
     folder, summary = done
-    assert not (folder / "scene.toml").exists()
+    assert read_store(folder).source.text is None
     assert run(SHORT, folder) == summary
     assert run(read_store(folder).source, folder) == summary
     assert campaign_of(read_store(folder)) == replace(SHORT, measured=campaign_of(read_store(folder)).measured)
@@ -210,8 +210,8 @@ def test_a_scene_that_was_read_keeps_its_text_unless_it_was_changed(tmp_path):
     for name, value in (("same", campaign), ("other", replace(campaign, run=Run(t_end=0.3)))):
         with pytest.raises(InterruptedError):
             run(value, tmp_path / name, on_phase=stop)
-    assert (tmp_path / "same" / "scene.toml").read_text() == TINY
-    assert not (tmp_path / "other" / "scene.toml").exists()
+    assert read_store(tmp_path / "same").source.text == TINY
+    assert read_store(tmp_path / "other").source.text is None
     with pytest.raises(InterruptedError):
         run(path, tmp_path / "same", on_phase=stop)
 

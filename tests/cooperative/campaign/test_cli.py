@@ -5,6 +5,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -15,12 +16,13 @@ from cooperative.__main__ import main
 from cooperative.reporting import _exports as exports
 from cooperative.reporting import _progress as progress
 from cooperative.scene import parse, read_scene
-from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, write_sample
 from cooperative.summary import summarise
 from cooperative.tools import sweep
 from jaxmpm.support.text import duration
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
+from tests.databases import finished, spoil
 from tests.jaxmpm.run.test_io import vtk_steps
 
 PUBLISHED = TINY.replace("samples = 6", "samples = 20")
@@ -41,10 +43,11 @@ def invented_campaign(folder, text, rough, refined, *, every=2.0):
     with open_store(folder, text) as store:
         for grid, samples in (("rough", rough), ("refined", refined)):
             for at, (number, displacement) in enumerate(samples):
-                path = write_sample(
-                    store, grid, invented(number, abs(displacement), modes=modes, broke_off=displacement < 0)
-                )
-                os.utime(path, (1e9 + every * at, 1e9 + every * at))
+                with pytest.MonkeyPatch.context() as patched:
+                    patched.setattr(time, "time", lambda at=at: 1e9 + every * at)
+                    write_sample(
+                        store, grid, invented(number, abs(displacement), modes=modes, broke_off=displacement < 0)
+                    )
     return folder
 
 
@@ -97,13 +100,12 @@ def test_status_of_refined_runs(tmp_path):
 
 def test_status_counts_what_broke_off_and_names_what_is_damaged(tmp_path, capsys):
     folder = invented_campaign(tmp_path / "c", TWO_PHASE, [(0, -1.0), (1, 0.1), (2, 0.1)], [])
-    path = sample_path(read_store(folder), "rough", 2)
-    path.write_bytes(path.read_bytes()[:-1])
+    spoil(folder, "rough", 2)
     assert main(["status", str(folder)]) == 0
     printed = capsys.readouterr().out
     assert "1 broke off" in printed
-    assert "000002.h5 does not match its checksum" in printed
-    assert path.exists()
+    assert "sample 2 of the rough grid does not match its checksum" in printed
+    assert finished(folder, "rough").keys() == {0, 1, 2}
 
 
 def test_status_leaves_the_lock_alone_and_says_who_holds_it(tmp_path):

@@ -13,6 +13,7 @@ from cooperative.reporting._sentences import more
 from cooperative.runs import phases_of
 from cooperative.scene import campaign_of, parse, variants
 from cooperative.store import COARSE, read_rows, read_store
+from tests.databases import delete, finished
 
 COARSER = TINY.replace("[rough]", "[coarse]\ncell = 4.0\nspacing = [2.0, 2.0]\n[rough]").replace(
     'samples = 6\nseed = 3\nk_t = 2\nestimator = "published"',
@@ -66,9 +67,8 @@ def test_an_interrupted_campaign_goes_on_to_the_same_answer(done, tmp_path):
     with pytest.raises(Enough):
         run(COARSER, tmp_path, on_phase=leave)
     # A coarse and a rough sample are lost; the same zones come out again.
-    (tmp_path / "samples" / "coarse" / "000003.h5").unlink()
-    rough = sorted((tmp_path / "samples" / "rough").glob("*.h5"))
-    rough[0].unlink()
+    delete(tmp_path, COARSE, 3)
+    delete(tmp_path, "rough", min(finished(tmp_path, "rough")))
     now = progress_of(tmp_path)
     assert [(each.grid, each.done, each.planned) for each in now.grids[:2]] == [(COARSE, 39, 40), ("rough", 13, 14)]
     assert "coarse grid    39 of 40" in words(now)

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.robustness import invented
 from cooperative import Stopped, run
+from cooperative.store import open_store
 
 AUDITED = invented.SCENE.replace("samples = 50", "samples = 12").replace("refined_runs = 15", "refined_runs = 10")
 pytestmark = pytest.mark.usefixtures("made_up")
@@ -47,9 +48,7 @@ def test_a_campaign_whose_stderr_is_closed_writes_its_log(tmp_path, monkeypatch)
 def test_the_log_goes_on_tells_an_early_end_and_is_no_link(tmp_path):
     elsewhere = tmp_path / "theirs.txt"
     elsewhere.write_text("theirs")
-    (tmp_path / "cut" / "samples").mkdir(parents=True)
-    (tmp_path / "cut" / "scene.toml").write_text(AUDITED)
-    (tmp_path / "cut" / "campaign.json").write_text("{}")
+    open_store(tmp_path / "cut", AUDITED).close()
     (tmp_path / "cut" / "progress.log").symlink_to(elsewhere)
 
     def stop(phase):

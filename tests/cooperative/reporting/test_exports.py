@@ -190,7 +190,7 @@ def test_what_the_campaign_does_not_have_is_refused(plain, tmp_path, capsys):
     assert "leave out --sample" in capsys.readouterr().err
 
 
-def test_samples_with_arrays_of_another_grid_are_left_out_of_every_file_and_named(plain, tmp_path):
+def test_runs_of_another_field_are_left_out_of_every_file_and_named(plain, tmp_path):
     xarray = pytest.importorskip("xarray", reason="the extra exports is not installed")
     pytest.importorskip("h5netcdf", reason="the extra exports is not installed")
     text = read_store(plain).source.words
@@ -198,9 +198,8 @@ def test_samples_with_arrays_of_another_grid_are_left_out_of_every_file_and_name
         for number in (0, 7):
             write_sample(store, "rough", read_sample(read_store(plain), "rough", number))
             write_sample(store, "refined", sample_of(plain, number))
-        spoilt = replace(sample_of(plain, 1), fields={"column_deposit": np.zeros((2, 2))})
-        write_sample(store, "refined", spoilt)
-    with pytest.warns(UserWarning, match=r"000001\.h5 holds column_deposit of shape \(2, 2\).*left out"):
+        write_sample(store, "refined", replace(sample_of(plain, 1), coefficients=np.zeros(3)))
+    with pytest.warns(UserWarning, match=r"sample 1 of the refined grid holds 3 coefficients of a field.*left out"):
         written = {path.name: path for path in export(tmp_path / "c", ["table", "netcdf"])}
     with xarray.open_dataset(written["campaign.nc"]) as data:
         assert data.sample.values.tolist() == [0, 7]
@@ -230,7 +229,7 @@ def test_maps_of_slides_that_had_not_come_to_rest_say_at_least(tmp_path, plain, 
     (notice,) = map_files.write_notice(tmp_path, moving)
     text = "3 of 4 slides had not come to rest when they ended at 20 s, so the maps give least values."
     assert (notice.name, notice.read_text()) == ("AT_LEAST.txt", f"{text}\n")
-    with open_store(tmp_path / "moving", (plain / "scene.toml").read_text()) as store:
+    with open_store(tmp_path / "moving", read_store(plain).source) as store:
         for grid in ("rough", "refined"):
             for number in range(10):
                 sample = read_sample(read_store(plain), grid, number)

@@ -22,10 +22,11 @@ from cooperative.reporting import _page as html
 from cooperative.reporting import _sentences as sentences
 from cooperative.reporting import report, write_table
 from cooperative.scene import parse
-from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
 from cooperative.summary import Summary
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_exposed import HAZARD
+from tests.databases import spoil
 
 SCENE = TINY.replace("samples = 6", "samples = 14").replace('estimator = "published"', "refined_runs = 10") + HAZARD
 
@@ -238,12 +239,11 @@ def test_runs_that_broke_off_and_damaged_files_are_on_the_page(tmp_path, done):
                 row = {"displacement": 0.3, "broke_off": True}
                 sample = replace(sample, status="NOT_FINITE", row=row, fields={})
             write_sample(store, "rough", sample)
-        path = sample_path(store, "rough", 7)
-        path.write_bytes(path.read_bytes()[:-1])
+    spoil(tmp_path / "c", "rough", 7)
     report(tmp_path / "c", slides=0)
     text = " ".join(Page((tmp_path / "c" / "report.html").read_text()).text)
     assert "sample 4 on the rough grid: NOT_FINITE at step" in text
-    assert "000007.h5 does not match its checksum" in text
+    assert "sample 7 of the rough grid does not match its checksum" in text
 
 
 def test_slides_are_chosen_by_mode_then_by_distance(done):

@@ -22,8 +22,9 @@ from cooperative.reporting import _plots as plots
 from cooperative.reporting import report
 from cooperative.reporting._exports import export, export_sample
 from cooperative.scene import parse
-from cooperative.store import open_store, read_rows, read_sample, read_store, sample_path, write_sample
+from cooperative.store import open_store, read_rows, read_sample, read_store, stored_text, write_sample
 from tests.cooperative.reporting.test_report import SCENE, Page, copied
+from tests.databases import by_sql, delete, keep, spoil
 
 
 def test_the_report_and_the_export_solve_nothing(tmp_path, done, monkeypatch):
@@ -57,15 +58,14 @@ def test_the_report_and_the_export_solve_nothing(tmp_path, done, monkeypatch):
 
 @pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize("what", ["deleted", "damaged", pytest.param("surplus", marks=pytest.mark.slow)])
-def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_path, done, what, capsys):
+def test_a_rough_run_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_path, done, what, capsys):
     folder = copied(done, tmp_path / "c")
     store = read_store(folder)
     number = read_rows(store, "refined").numbers[0]
-    path = sample_path(store, "rough", number)
     if what == "deleted":
-        path.unlink()
+        delete(folder, "rough", number)
     elif what == "damaged":
-        path.write_bytes(path.read_bytes()[:-1])
+        spoil(folder, "rough", number)
     else:
         sample = replace(read_sample(store, "rough", number), number=14)
         with open_store(folder, SCENE) as held:
@@ -74,40 +74,28 @@ def test_a_rough_file_that_lacks_or_is_too_many_does_not_stop_the_report(tmp_pat
     printed = capsys.readouterr().out
     assert f"{14 - (what != 'surplus')} samples" in printed
     text = " ".join(Page((folder / "report.html").read_text()).text)
-    assert ("000014.h5 is of a sample that the scene, with 14, does not have" in text) == (what == "surplus")
-
-
-def of_another_field(sample):
-    return replace(sample, coefficients=sample.coefficients[:3])
-
-
-def of_other_particles(sample):
-    return replace(sample, fields=sample.fields | {"displacement": sample.fields["displacement"][:, :7]})
+    assert ("sample 14 of the rough grid is of a sample that the scene, with 14, does not have" in text) == (
+        what == "surplus"
+    )
 
 
 @pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize(
-    ("spoilt", "why"),
-    [(of_another_field, r"holds 3 coefficients of a field that has \d+"),
-     (of_other_particles, r"holds displacement of shape \(2, 7\) for particles of shape \(2, \d+\)")],
-)  # fmt: skip
-def test_a_sample_whose_arrays_are_not_the_scenes_is_left_out_and_named(tmp_path, done, spoilt, why, capsys):
+def test_a_run_of_another_field_is_left_out_and_named(tmp_path, done, capsys):
     folder = copied(done, tmp_path / "c")
     store = read_store(folder)
     columns = read_rows(store, "refined").columns
     number = int(columns["sample"][np.argmax(columns["displacement"])])
-    whole = read_sample(store, "refined", number)
-    sample = spoilt(replace(whole, fields={"displacement": whole.fields["displacement"]}))
+    sample = read_sample(store, "refined", number)
     for grid in ("refined", "slides"):
-        sample_path(store, grid, number).unlink(missing_ok=True)
+        delete(folder, grid, number)
     with open_store(folder, SCENE) as held:
-        write_sample(held, "refined", sample)
+        write_sample(held, "refined", replace(sample, coefficients=sample.coefficients[:3]))
     assert main(["report", str(folder), "--slides", "1"]) == 0
     capsys.readouterr()
     text = " ".join(Page((folder / "report.html").read_text()).text)
-    assert re.search(rf"{number:06d}\.h5 {why}", text)
+    assert re.search(rf"sample {number} of the refined grid holds 3 coefficients of a field that has \d+", text)
     assert main(["export", str(folder), "--sample", str(number)]) == 2
-    assert re.search(why, capsys.readouterr().err)
+    assert f"sample {number} is not finished on the refined grid" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -118,15 +106,18 @@ def test_the_report_reads_the_summary_and_makes_it_anew_only_from_other_rows(tmp
     monkeypatch.setattr(folders, "summarise", lambda *given: asked.append(given) or made(*given))
     printed = report(folder, slides=0)
     assert asked == []
-    stored = (folder / "summary.json").read_text()
-    wrong = stored.replace('"failures_refined": ', '"failures_refined": 9')
-    for content in (wrong, "[" * 100_000):
-        (folder / "summary.json").write_text(content)
-        assert report(folder, slides=0) == printed
-    assert len(asked) == 2
-    (folder / "summary.json").unlink()
-    os.mkfifo(folder / "summary.json")
+    wrong = stored_text(folder, "summary").replace('"failures_refined": ', '"failures_refined": 9')
+    by_sql(folder, "update campaign set value = ? where name = 'summary'", wrong)
     assert report(folder, slides=0) == printed
+    assert len(asked) == 1
+    for content in (wrong.replace('"made_from": "', '"made_from": "0'), "[" * 100_000, "{}"):
+        keep(folder, "summary", content)
+        assert report(folder, slides=0) == printed
+    keep(folder, "budget", {"refined_runs": 99, "scene": 1})
+    report(folder, slides=0)
+    assert len(asked) == 5
+    # The file is for other programs.
+    (folder / "summary.json").write_text("nothing")
 
 
 def alike(one, other):

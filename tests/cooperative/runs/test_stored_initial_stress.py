@@ -14,9 +14,10 @@ from cooperative.reporting._exports import export_sample
 from cooperative.runs import _executors, build, keep_initial, random_soil, verify_initial
 from cooperative.runs._built import initial_path
 from cooperative.scene import parse
-from cooperative.store import read_rows, read_store, sample_path
+from cooperative.store import read_rows, read_store
 from jaxmpm.support.files import set_aside
 from jaxmpm.support.pytrees import pytree
+from tests.databases import delete
 
 SCENE = TINY.replace("samples = 6", "samples = 3").replace("t_end = 4.0", "t_end = 0.5")
 ASKED = parse(SCENE)
@@ -54,7 +55,7 @@ def test_two_workers_a_resumed_campaign_and_an_export_solve_it_once(tmp_path, so
     campaign.run(SCENE, tmp_path, workers=2, executor=lambda: ThreadPoolExecutor(2))
     assert sorted(solved) == [1.0, 2.0]
     number = read_rows(read_store(tmp_path), "refined").numbers[0]
-    sample_path(read_store(tmp_path), "refined", number).unlink()
+    delete(tmp_path, "refined", number)
     campaign.run(SCENE, tmp_path)
     export_sample(tmp_path, number, "refined", frames=2)
     assert len(solved) == 2

@@ -3,7 +3,6 @@
 Another machine is played by a folder that keeps the count that it would have come to.
 """
 
-import json
 import shutil
 import warnings
 from dataclasses import replace
@@ -15,8 +14,9 @@ import pytest
 from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
 from cooperative.scene import Measured, campaign_of, parse, tables, with_measured
-from cooperative.store import read_sample, read_store
+from cooperative.store import open_store, read_sample, read_store
 from tests.cooperative.scene.test_random_soil import CORRELATED, FIELDS, LEFT, SAND
+from tests.databases import keep, stored
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +38,10 @@ def done(edge, tmp_path_factory):
 def test_a_folder_keeps_the_count_of_the_machine_it_began_on(edge, done, tmp_path):
     text, folder = edge, tmp_path / "out"
     shutil.copytree(done, folder)
-    path = folder / "measured.json"
-    assert json.loads(path.read_text()) == {"terms": [7]}
+    assert stored(folder, "measured") == {"terms": [7]}
     assert campaign_of(read_store(folder)).measured.terms == (7,)
     # With the count of the other machine, everything of the folder is of 7 modes no more.
-    path.write_text('{"terms": [6]}')
+    keep(folder, "measured", {"terms": [6]})
     with pytest.warns(UserWarning, match="holds 7 coefficients of a field that has 6"):
         run(text, folder)
     assert read_sample(read_store(folder), "rough", 0).coefficients.shape == (6,)
@@ -54,7 +53,8 @@ def test_a_folder_keeps_the_count_of_the_machine_it_began_on(edge, done, tmp_pat
 def test_workers_and_readers_take_the_measured_count(edge, tmp_path):
     campaign = replace(parse(edge), measured=Measured((6,)))
     assert runs.random_soil(campaign).modes == 6
-    (tmp_path / "measured.json").write_text('{"terms": [7]}')
+    open_store(tmp_path, edge).close()
+    keep(tmp_path, "measured", {"terms": [7]})
     assert with_measured(campaign, tmp_path) == campaign
 
 
@@ -77,7 +77,7 @@ def test_each_group_takes_its_own(text):
 @pytest.mark.parametrize(
     ("counts", "message"),
     [
-        ([3], r"measured are 3 terms where energy = 0\.\d+ takes 7: delete the folder's measured\.json"),
+        ([3], r"measured are 3 terms where energy = 0\.\d+ takes 7: delete what was measured"),
         ([12], r"measured are 12 terms where energy = 0\.\d+ takes 7: delete"),
         ([7, 7], r"measured are 2 numbers of terms for 1 expansions: delete"),
         ([0], r"(counts|terms) = \[0\]: give a list of whole numbers, each 1 or more"),
@@ -90,7 +90,7 @@ def test_counts_that_are_not_of_this_field_are_refused(edge, done, tmp_path, cou
         runs.random_soil(replace(parse(edge), measured=tables.read(Measured, {"terms": counts})))
     folder = tmp_path / "out"
     shutil.copytree(done, folder)
-    (folder / "measured.json").write_text(json.dumps({"terms": counts}))
+    keep(folder, "measured", {"terms": counts})
     with pytest.raises(ValueError, match=message):
         run(edge, folder)
     assert read_sample(read_store(folder), "rough", 0).coefficients.shape == (7,)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cooperative.reporting import save
-from cooperative.scene import parse, read_scene, tables, to_toml, variants
+from cooperative.scene import parse, read_scene, source_of, tables, to_toml, variants
 from cooperative.store import Source
 from cooperative.tools import sweep, sweep_report
 from cooperative.tools.soundings import read_files
@@ -79,7 +79,7 @@ def test_a_soundings_name_is_one_printable_line(tmp_path):
 def test_a_link_in_the_folder_of_a_sweep_leads_nowhere(name, tmp_path):
     outside, folder = tmp_path / "outside", tmp_path / "out"
     outside.mkdir()
-    source = sweep.settled(SECTION.replace("NAME", '"quake"'), folder, sweep.SWEEP)
+    source = source_of(SECTION.replace("NAME", '"quake"'))
     assert len(variants(source)) == 2
     sweep._claim(folder, source)
     target = folder / name

@@ -11,7 +11,7 @@ import jaxmpm as mpm
 from cooperative import RandomField, Run
 from cooperative.scene import in_folder, read
 from cooperative.scene._words import source_of_value
-from cooperative.store import Source, refuse_another, stored_source
+from cooperative.store import Source, open_store, refuse_another, stored_source
 from tests.cooperative.campaign.test_campaign_value import TINY_IN_PYTHON
 
 STEP = 4.0
@@ -101,7 +101,7 @@ def test_a_scene_is_the_same_after_its_folder(tmp_path_factory, scene):
     out = folder / "out"
     out.mkdir()
     campaign, source = in_folder(folder / "scene-of-mine.toml", out, None, None)
-    source.write(out)
+    open_store(out, source).close()
     there = stored_source(out)
     assert there.digest == source.digest
     assert refuse_another(out, source) == there
@@ -110,7 +110,7 @@ def test_a_scene_is_the_same_after_its_folder(tmp_path_factory, scene):
     assert source_of_value(again) == source_of_value(read(Source(text, source.beside)))
     # The same campaign as one that was written in Python.
     in_words = tmp_path_factory.mktemp("in-python")
-    source_of_value(campaign).write(in_words)
+    open_store(in_words, source_of_value(campaign)).close()
     assert source_of_value(read(stored_source(in_words))) == source_of_value(campaign)
 
 
@@ -128,7 +128,7 @@ def test_numbers_of_numpy_are_plain_in_a_campaign_of_python(tmp_path_factory, ki
     )
     folder = tmp_path_factory.mktemp("there")
     _, source = in_folder(campaign, folder, None, None)
-    source.write(folder)
+    open_store(folder, source).close()
     there = stored_source(folder)
     assert refuse_another(folder, source) == there
     assert there.digest == source.digest == source_of_value(read(there)).digest

@@ -8,7 +8,7 @@ import pytest
 from cooperative.laboratory import read_rows
 from cooperative.scene import parse
 from cooperative.store import Source
-from cooperative.store._source import MOST_ENTRIES, check_bounds, stored_source
+from cooperative.store._source import MOST_ENTRIES, check_bounds, source_from
 from cooperative.tools.soundings import read_files
 from jaxmpm import read_line, read_motion, read_raster
 from tests.cooperative.campaign.test_campaign import TINY
@@ -35,11 +35,9 @@ def test_a_scene_that_would_take_gigabytes_is_refused(bomb):
         ('{"a": ' + "[" * 90 + "]" * 90 + "}", "deep, the limit is 64"),
     ],
 )  # fmt: skip
-def test_a_campaign_json_that_would_take_gigabytes_is_refused(content, reason, tmp_path):
-    (tmp_path / "scene.toml").write_text(TINY)
-    (tmp_path / "campaign.json").write_text(content)
-    with pytest.raises(ValueError, match=reason):
-        stored_source(tmp_path)
+def test_tables_beside_a_scene_that_would_take_gigabytes_are_refused(content, reason):
+    with pytest.raises(ValueError, match=rf"there is damaged \(.*{reason}"):
+        source_from(TINY, content, "there")
 
 
 def test_bounds_count_every_list_and_let_large_tables_of_measurements_be():

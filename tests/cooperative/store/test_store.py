@@ -3,38 +3,37 @@
 import errno
 import os
 import random
+import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import textwrap
 import time
+from contextlib import closing
 from dataclasses import replace
 
-import h5py
 import numpy as np
+import pandas
 import pytest
 
-from cooperative import campaign
-from cooperative.scene import settled
 from cooperative.store import (
-    DamagedFile,
+    SLIDES,
     Sample,
+    Source,
     open_store,
     read_rows,
     read_sample,
     read_store,
-    sample_path,
     scene_digest,
+    store_text,
+    stored_text,
     write_aside,
     write_sample,
 )
 from tests import ROOT
-from tests.cooperative.campaign.test_campaign import TINY
 
 SCENE = '[soil]\nSu_mean = 42000.0\nSu_cov = 0.3\n[campaign]\nsamples = 10\ngrids = ["rough", "refined"]\n'
-
-TICK = 0.02
-"""Seconds within which a file system may give two changes of a file the same time."""
 
 
 def sample(number: int, size: int = 50) -> Sample:
@@ -70,7 +69,8 @@ def test_a_sample_comes_back_as_it_was_written(tmp_path):
         back = read_sample(store, "rough", 3)
         assert_same(back, sample(3))
         assert back.versions["numpy"] == np.__version__
-        assert (store.folder / "scene.toml").read_text() == SCENE
+        assert store.source.text == SCENE
+    assert read_store(tmp_path / "campaign").source == Source(SCENE)
 
 
 def test_a_folder_says_what_it_is_once(tmp_path):
@@ -87,9 +87,8 @@ def test_a_folder_says_what_it_is_once(tmp_path):
 
 def test_a_folder_without_its_text_gets_it_and_a_link_of_that_name_is_left_alone(tmp_path):
     for name in ("old", "linked"):
-        (tmp_path / name / "samples").mkdir(parents=True)
-        (tmp_path / name / "scene.toml").write_text(SCENE)
-        (tmp_path / name / "campaign.json").write_text("{}")
+        open_store(tmp_path / name, SCENE).close()
+        (tmp_path / name / "README.txt").unlink()
     elsewhere = tmp_path / "elsewhere.txt"
     elsewhere.write_text("theirs")
     (tmp_path / "linked" / "README.txt").symlink_to(elsewhere)
@@ -104,11 +103,47 @@ def test_a_folder_without_its_text_gets_it_and_a_link_of_that_name_is_left_alone
 def test_the_text_of_a_folder_reads_its_samples_as_it_says(tmp_path, monkeypatch, capsys):
     with open_store(tmp_path, SCENE) as store:
         write_sample(store, "rough", sample(0))
+        write_sample(store, "refined", sample(0))
     monkeypatch.chdir(tmp_path)
     text = (tmp_path / "README.txt").read_text()
-    block = text[text.index("  import h5py") : text.index("The status is")]
+    block = text[text.index("  import sqlite3") : text.index("The status is")]
     exec(textwrap.dedent(block), {})
-    assert "'displacement': " in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"(0, 'settled', {sample(0).row['displacement']})" in said
+    assert "(3, 50)" in said
+
+
+def test_anyone_asks_the_database_by_sql(tmp_path):
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", sample(1))
+        write_sample(store, "rough", replace(sample(2), row={**sample(2).row, "speed_at_house": 2.5}))
+        with closing(sqlite3.connect(tmp_path / "campaign.db")) as database:
+            rows = pandas.read_sql('select * from run where grid = "rough"', database)
+    assert rows["sample"].tolist() == [1, 2]
+    np.testing.assert_array_equal(rows["displacement"], [sample(n).row["displacement"] for n in (1, 2)])
+    np.testing.assert_array_equal(rows["speed_at_house"], [np.nan, 2.5])
+    np.testing.assert_array_equal(np.frombuffer(rows["coefficients"][0]), sample(1).coefficients)
+    if shutil.which("sqlite3"):
+        command = ["sqlite3", tmp_path / "campaign.db", "select sample, my_own from run order by sample"]
+        assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "1|1\n2|0\n"
+
+
+def test_scalars_keep_their_types_and_columns_that_one_run_adds_are_there_for_the_next(tmp_path):
+    row = {"displacement": np.float32(0.5), "broke_off": np.bool_(False), "depth": 2, "onset": float("nan")}
+    row |= {"masses": np.int64(2), "flag": True, "name": "straße; drop table run", "area": -0.0}
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", replace(sample(0), row=row, fields={}))
+        write_sample(store, "rough", sample(1))  # whose my_own is a column more
+        back = dict(read_sample(store, "rough", 0).row)
+        assert back == {name: value for name, value in row.items() if name != "onset"}
+        assert [type(back[name]) for name in ("displacement", "broke_off", "depth", "masses", "flag", "name")] == [
+            float, bool, float, int, bool, str
+        ]  # fmt: skip
+        assert read_rows(store, "rough").columns["flag"].tolist()[0] == 1
+        for wrong in ({"flag": 2.5}, {"masses": 1.5}, {"name": 1}, {"status": "x"}, {"a b": 1.0}, {"list": [1]}):
+            with pytest.raises(ValueError, match=r"sample 2 has .*a row has no such"):
+                write_sample(store, "rough", replace(sample(2), row={**sample(2).row, **wrong}))
+        assert read_rows(store, "rough").numbers == [0, 1]
 
 
 def test_rows_ascend_and_gaps_are_nan(tmp_path):
@@ -134,6 +169,7 @@ def test_readers_need_no_lock_and_write_nothing(tmp_path):
             write_sample(reader, "rough", sample(1))
     with pytest.raises(ValueError, match="holds no campaign"):
         read_store(tmp_path / "elsewhere")
+    assert not (tmp_path / "elsewhere").exists()
 
 
 @pytest.mark.parametrize(
@@ -209,88 +245,48 @@ def test_a_second_controller_is_refused_until_the_first_ends(tmp_path):
     open_store(tmp_path, SCENE).close()
 
 
-def test_truncated_flipped_and_foreign_files_are_set_aside_and_redone(tmp_path):
-    with open_store(tmp_path / "other", SCENE.replace("0.3", "0.4")) as other:
-        foreign = write_sample(other, "rough", sample(5)).read_bytes()
-    with open_store(tmp_path / "campaign", SCENE) as store:
-        paths = [write_sample(store, "rough", sample(number)) for number in range(5)]
-        time.sleep(TICK)
-        data = bytearray(paths[1].read_bytes())
-        data[data.find(sample(1).fields["displacement"].tobytes()) + 8] ^= 0x10
-        paths[0].write_bytes(paths[0].read_bytes()[:-100])
-        paths[1].write_bytes(data)
-        paths[2].write_bytes(b"")
-        paths[3].write_bytes(paths[4].read_bytes())
-        sample_path(store, "rough", 5).write_bytes(foreign)
-        sample_path(store, "rough", 6).write_bytes(b"a photograph")
-        with h5py.File(sample_path(store, "rough", 7), "w") as file:
-            file["data"] = np.arange(3)
-
-        assert read_rows(read_store(store.folder), "rough").numbers == [4]
-        with pytest.warns(UserWarning, match="set aside, the sample is run again"):
-            rows = read_rows(store, "rough")
-        assert rows.numbers == [4]
-        reasons = dict(zip([0, 1, 2, 3, 5, 6, 7], rows.damaged, strict=True))
-        for number, reason in reasons.items():
-            assert f"{number:06d}.h5" in reason
-        assert "checksum" in reasons[1]
-        assert "holds sample 4" in reasons[3]
-        assert "another scene" in reasons[5]
-        assert sorted(path.name for path in paths[0].parent.iterdir()) == [
-            f"{number:06d}.h5" + ("" if number == 4 else ".damaged") for number in range(8)
+def test_a_slide_that_goes_on_takes_the_place_of_the_one_that_is_there(tmp_path):
+    longer = replace(sample(1), status="FINISHED", fields={"displacement": np.ones((3, 50), np.float32)})
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "refined", sample(1))
+        write_sample(store, SLIDES, sample(1))
+        with pytest.raises(ValueError, match="never overwritten"):
+            write_sample(store, SLIDES, longer)
+        write_sample(store, SLIDES, longer, longer=True)
+        assert_same(read_sample(store, "refined", 1), longer)
+        assert read_rows(store, "refined").columns["status"].tolist() == ["FINISHED"]
+        assert sorted(path.name[:14] for path in (tmp_path / "fields").iterdir()) == [
+            "refined-000001",
+            "slides-000001-",
         ]
-        write_sample(store, "rough", sample(1))
-        assert_same(read_sample(store, "rough", 1), sample(1))
-        assert read_rows(store, "rough").damaged == ()
 
 
-def test_an_edited_scene_sets_no_samples_aside(tmp_path):
-    """Days of runs are not renamed because someone changed a number in the folder's scene."""
+def test_texts_are_kept_and_written_once(tmp_path):
     with open_store(tmp_path, SCENE) as store:
-        paths = [write_sample(store, "rough", sample(number)) for number in range(2)]
-    (tmp_path / "scene.toml").write_text(SCENE.replace("0.3", "0.4"))
-    for opened in (read_store(tmp_path), open_store(tmp_path, read_store(tmp_path).source)):
-        with (
-            opened as store,
-            pytest.raises(ValueError, match=r"holds 2 samples of another scene, .* put back the"),
-        ):
-            read_rows(store, "rough")
-    assert all(path.exists() for path in paths)
+        assert stored_text(tmp_path, "measured") is None
+        store_text(store, "measured", '{"terms": [3]}')
+        before = (tmp_path / "campaign.db").stat().st_mtime_ns
+        store_text(store, "measured", '{"terms": [3]}')
+        assert (tmp_path / "campaign.db").stat().st_mtime_ns == before
+    assert stored_text(tmp_path, "measured") == '{"terms": [3]}'
+    with pytest.raises(ValueError, match="open for reading"):
+        store_text(read_store(tmp_path), "measured", "{}")
 
 
-@pytest.mark.parametrize(
-    ("frames", "times"),
-    [
-        (np.zeros((2, 3, 50), np.float16), [1.0]),
-        (np.zeros((1, 2, 50), np.float16), [1.0]),
-        (np.zeros((2, 3, 50), np.float16), [2.0, 1.0]),
-        (np.zeros((1, 3, 50), np.int16), [1.0]),
-        (np.zeros((1, 3, 50), np.float16), None),
-        (None, [1.0]),
-    ],
-    ids=["fewer times", "two components", "backwards", "whole numbers", "no times", "no frames"],
-)
-def test_frames_that_do_not_fit_their_times_or_the_slope_are_damaged(tmp_path, frames, times):
-    given = {"frames": frames, "frame_times": times}
-    with open_store(tmp_path, SCENE) as store:
-        plain = sample(1)
-        fields = {name: np.asarray(values) for name, values in given.items() if values is not None}
-        write_sample(store, "rough", replace(plain, fields={**plain.fields, **fields}))
-        with pytest.raises(DamagedFile, match=r"000001\.h5 holds frames of shape"):
-            read_sample(store, "rough", 1)
+def test_a_folder_that_was_copied_or_moved_goes_on(tmp_path):
+    with open_store(tmp_path / "one", SCENE) as store:
+        write_sample(store, "rough", sample(0))
+        # While a controller holds it, and between its transactions.
+        shutil.copytree(tmp_path / "one", tmp_path / "copied")
+    (tmp_path / "one").rename(tmp_path / "moved to, 50 % # ?")
+    for name in ("copied", "moved to, 50 % # ?"):
+        with open_store(tmp_path / name, read_store(tmp_path / name).source) as store:
+            write_sample(store, "rough", sample(1))
+            assert_same(read_sample(store, "rough", 0), sample(0))
+        assert read_rows(read_store(tmp_path / name), "rough").numbers == [0, 1]
 
 
-def test_every_set_aside_file_stays(tmp_path):
-    with open_store(tmp_path, SCENE) as store:
-        for content in (b"first", b"second"):
-            sample_path(store, "refined", 1).write_bytes(content)
-            with pytest.warns(UserWarning, match=r"000001\.h5 is not a cooperative sample file"):
-                read_rows(store, "refined")
-        aside = sorted(path.read_bytes() for path in (tmp_path / "samples/refined").glob("*.damaged"))
-    assert aside == [b"first", b"second"]
-
-
-def test_a_full_disk_says_so_and_leaves_no_half_file(tmp_path, monkeypatch):
+def test_a_full_disk_says_so_and_leaves_nothing_of_the_sample(tmp_path, monkeypatch):
     with open_store(tmp_path, SCENE) as store:
         write_sample(store, "rough", sample(0))
 
@@ -298,12 +294,21 @@ def test_a_full_disk_says_so_and_leaves_no_half_file(tmp_path, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         monkeypatch.setattr(os, "fsync", full)
-        with pytest.raises(OSError, match=r"000001\.h5 \(No space left on device\): make room") as raised:
+        with pytest.raises(OSError, match=r"000001-\w+\.h5 \(No space left on device\): make room") as raised:
             write_sample(store, "rough", sample(1))
         assert raised.value.errno == errno.ENOSPC
         monkeypatch.undo()
-        assert os.listdir(tmp_path / "samples/rough") == ["000000.h5"]
+        pages = store.connection.execute("PRAGMA page_count").fetchone()[0]
+        store.connection.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(OSError, match=r"campaign\.db \(database or disk is full\): make room") as raised:
+            write_sample(store, "rough", replace(sample(1), coefficients=np.zeros(5000)))
+        assert raised.value.errno == errno.ENOSPC
         assert read_rows(store, "rough").numbers == [0]
+        store.connection.execute("PRAGMA max_page_count = 1000000")
+        write_sample(store, "rough", sample(1))
+    with open_store(tmp_path, SCENE) as store:
+        assert read_rows(store, "rough").numbers == [0, 1]
+        assert len(os.listdir(tmp_path / "fields")) == 2
 
 
 def test_what_was_there_survives_a_refused_write(tmp_path, monkeypatch):
@@ -338,29 +343,21 @@ def test_kill_9_while_writing_loses_nothing_that_was_finished(tmp_path):
         time.sleep(generator.uniform(0.0, 0.05))
         writer.send_signal(signal.SIGKILL)
         promised |= {int(line) for line in (first + writer.communicate()[0]).split()}
+    assert promised <= set(read_rows(read_store(tmp_path), "rough").numbers)
     with open_store(tmp_path, SCENE) as store:
         rows = read_rows(store, "rough")
         assert rows.damaged == ()
         assert promised <= set(rows.numbers)
         assert len(promised) >= 2
-        assert list((store.folder / "samples/rough").glob(".*.part")) == []
+        assert len(list((tmp_path / "fields").iterdir())) == len(rows.numbers)
         for number in rows.numbers[:: max(len(rows.numbers) // 20, 1)]:
             assert_same(read_sample(store, "rough", number), sample(number, size=20_000))
 
 
-@pytest.mark.parametrize("content", ["[1.0", "[]", "\x00", "[" * 100_000])
-def test_a_damaged_file_beside_a_scene_is_named(tmp_path, content):
-    with open_store(tmp_path, settled(TINY, tmp_path)):
-        pass
-    (tmp_path / "campaign.json").write_text(content)
-    for opened in (lambda: read_store(tmp_path), lambda: campaign.run(TINY, tmp_path)):
-        with pytest.raises(ValueError, match=r"campaign\.json is damaged .*put back the file"):
-            opened()
-
-
 def test_a_folder_that_was_killed_as_it_began_is_begun_anew(tmp_path):
-    (tmp_path / "campaign.json").write_text('{"files": {}}')
+    (tmp_path / ".campaign.db.123.part").write_bytes(b"half")
     with pytest.raises(ValueError, match="holds no campaign"):
         read_store(tmp_path)
-    with open_store(tmp_path, TINY) as store:
-        assert store.digest == scene_digest(TINY)
+    with open_store(tmp_path, SCENE) as store:
+        assert store.digest == scene_digest(SCENE)
+    assert not (tmp_path / ".campaign.db.123.part").exists()

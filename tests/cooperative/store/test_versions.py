@@ -6,21 +6,23 @@ import pytest
 
 from cooperative import run
 from cooperative.__main__ import main
-from cooperative.store import Rows, _disk, mixed_versions, open_store, read_rows, read_store, write_sample
-from cooperative.store._opened import package_versions
+from cooperative.store import Rows, _runs, mixed_versions, open_store, read_rows, read_store, write_sample
+from cooperative.store._samples import package_versions
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.store.test_store import SCENE, sample
 
 
-def test_rows_know_the_versions_of_their_samples_whether_indexed_or_read(tmp_path):
+def test_rows_know_the_versions_of_their_samples(tmp_path):
     other = {**package_versions(), "jax": "0.9.9"}
     with open_store(tmp_path, SCENE) as store:
         for number in range(4):
             write_sample(store, "rough", replace(sample(number), versions=other if number in (1, 2) else {}))
-    indexed = read_rows(read_store(tmp_path), "rough").versions
-    (tmp_path / "samples" / "rough.index").unlink()
-    assert read_rows(read_store(tmp_path), "rough").versions == indexed
-    assert indexed == {0: package_versions(), 1: other, 2: other, 3: package_versions()}
+    assert read_rows(read_store(tmp_path), "rough").versions == {
+        0: package_versions(),
+        1: other,
+        2: other,
+        3: package_versions(),
+    }
 
 
 def test_the_note_names_what_differs_alone():
@@ -46,7 +48,7 @@ def test_a_campaign_that_goes_on_under_another_version_says_so(tmp_path, monkeyp
 
     with pytest.raises(Killed):
         run(text, tmp_path, on_phase=killed)
-    monkeypatch.setattr(_disk, "package_versions", lambda: {**package_versions(), "numpy": "9.9"})
+    monkeypatch.setattr(_runs, "package_versions", lambda: {**package_versions(), "numpy": "9.9"})
     summary = run(text, tmp_path)
     here = package_versions()["numpy"]
     (note,) = [note for note in summary.notes if "several versions" in note]

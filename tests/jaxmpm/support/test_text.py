@@ -17,10 +17,12 @@ from cooperative import _commands
 from cooperative.__main__ import main
 from cooperative.example_scenes import example
 from cooperative.scene import parse
-from cooperative.store import open_store, read_rows
+from cooperative.store import open_store, read_rows, write_sample
 from jaxmpm.support import check
 from jaxmpm.support.text import MOST_SHOWN, csv_text, literal, printable, short, shown
 from tests.cooperative.campaign.test_campaign import TINY
+from tests.cooperative.store.test_store import sample
+from tests.databases import by_sql
 
 DEEP = st.recursive(
     st.text() | st.integers() | st.binary(), lambda each: st.lists(each) | st.dictionaries(st.text(), each)
@@ -73,10 +75,10 @@ def test_a_folder_of_another_scene_is_refused_in_a_short_line(tmp_path):
     assert len(str(raised.value)) < 600
 
 
-def test_names_of_files_that_a_terminal_would_obey_are_masked(tmp_path, capsys):
-    open_store(tmp_path / "c", TINY).close()
-    folder = tmp_path / "c" / "samples" / "rough"
-    (folder / "\x1b[2J\n  probability of failure so far  0.h5").write_bytes(b"")
+def test_texts_of_a_database_that_a_terminal_would_obey_are_masked(tmp_path, capsys):
+    with open_store(tmp_path / "c", TINY) as store:
+        write_sample(store, "rough", sample(0))
+    by_sql(tmp_path / "c", "update run set grid = ?", "\x1b[2J\n  probability of failure so far  0")
     assert main(["status", str(tmp_path / "c")]) == 0
     printed = capsys.readouterr().out
     assert all(line.isprintable() for line in printed.splitlines())
