@@ -17,7 +17,7 @@ from cooperative import runs
 from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
 from cooperative.names import DRAWN_SLIDES
-from cooperative.scene import Campaign, Given, campaign_of
+from cooperative.scene import Campaign, FromScript, campaign_of
 from cooperative.store import (
     GRIDS,
     Rows,
@@ -137,7 +137,7 @@ def known_summary(store: Store, rows: Mapping[str, Rows], estimator: Estimator |
     if (stored := _stored(store, rough, refined)) is not None:
         return stored
     campaign = campaign_of(store, estimator)
-    return None if isinstance(campaign.estimator, Given) else summarise(campaign, rough, refined)
+    return None if isinstance(campaign.estimator, FromScript) else summarise(campaign, rough, refined)
 
 
 def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> None:

@@ -158,7 +158,9 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
     plan = np.meshgrid(*axes, indexing="ij")
     heights = shape.heights(*(axis.ravel() for axis in plan)).reshape(plan[0].shape)
     base = np.stack([*(axis.ravel() for axis in plan), np.full(plan[0].size, corner[-1])])
-    bottoms = [shapes.top_of(shape, layers, number, base, campaign.refined) for number in range(1, len(layers))]
+    bottoms = [
+        shapes.top_of(shape, layers, number, base, campaign.grids["refined"]) for number in range(1, len(layers))
+    ]
     upright = len(corner) - 1
     columns, hazard, grid = refined.state.columns, None, refined.scene.grid
     if columns is not None and campaign.hazard is not None:

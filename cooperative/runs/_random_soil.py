@@ -203,6 +203,7 @@ def random_soil(campaign: Campaign) -> RandomSoil:
     Raises:
         ValueError: fields that cannot be expanded, or borehole values that lie outside or contradict each other.
     """
+    campaign.require()
     site, correlated = campaign.site, campaign.cross_correlation
     through = {name for name in campaign.random if site.spans(name)}
     if correlated is not None and not through.isdisjoint(correlated.parameters):
@@ -231,7 +232,7 @@ def _borehole_depths(campaign: Campaign, layer: int | None, field: RandomField) 
     """Depth (m) of borehole values as the trend counts it, in the layer in which each lies, or that of the field."""
     if field.boreholes is None:
         return ()
-    site, numerics = campaign.site, campaign.refined
+    site, numerics = campaign.site, campaign.grids["refined"]
     points = np.array([row[:-1] for row in field.boreholes], float).T
     number = site.layer_of(points, numerics) if layer is None else np.full(points.shape[1], layer)
     if number is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cooperative.estimate import Phases, Sampling, Screened, Zone, all_samples, draw_samples
 from cooperative.runs._random_soil import RandomSoil, random_soil
-from cooperative.scene import Campaign, Given
+from cooperative.scene import Campaign, FromScript
 from cooperative.store import Rows
 
 COLUMNS_OF_ZONES = {
@@ -61,7 +61,7 @@ def samples_of(campaign: Campaign) -> int | None:
     """
     if campaign.coarse is not None:
         return campaign.plan.samples
-    if isinstance(campaign.estimator, Given):
+    if isinstance(campaign.estimator, FromScript):
         return None
     return campaign.estimator.rough_runs(sampling_of(campaign))
 
@@ -74,6 +74,7 @@ def phases_of(campaign: Campaign, rough: Rows, refined: Rows) -> Phases:
         rough: rows of the rough grid.
         refined: rows of the refined grid.
     """
+    campaign.require("estimator")
     zones = None if campaign.coarse is None else zones_of(rough)
     return Phases.of(campaign.estimator, sampling_of(campaign, zones), rough.results, refined.results)
 

@@ -153,6 +153,7 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
         ValueError: slope, soil and grids that do not fit together, and for a campaign that would not end or not fit
             into the memory of this machine.
     """
+    campaign.require()
     check_samples(campaign)
     plan, runs = campaign.plan, _first_runs(campaign)
     if runs > MOST_RUNS:

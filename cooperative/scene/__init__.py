@@ -1,6 +1,6 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._campaign import Campaign, Given, check_samples
+from cooperative.scene._campaign import Campaign, check_samples
 from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
     doubts,
@@ -38,6 +38,7 @@ from cooperative.scene.tables import (
     Calibration,
     CrossCorrelation,
     Exposed,
+    FromScript,
     Grid,
     Hazard,
     LimitLoad,
@@ -64,7 +65,7 @@ __all__ = [
     "CrossCorrelation",
     "Exposed",
     "Files",
-    "Given",
+    "FromScript",
     "Grid",
     "Hazard",
     "LimitLoad",

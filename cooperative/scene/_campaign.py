@@ -6,11 +6,11 @@ Nothing in it changes.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NoReturn, Self
+from typing import Any, Self
 
 import numpy as np
 import shapely
@@ -26,6 +26,7 @@ from cooperative.scene.tables import (
     Budget,
     CrossCorrelation,
     Exposed,
+    FromScript,
     Grid,
     Hazard,
     Measured,
@@ -45,28 +46,6 @@ from jaxmpm.soil import AnySoil
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
 THICKNESSES = 3.0
 """Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
-
-
-@dataclass(frozen=True)
-class Given:
-    """Stands for an object that a script gave, where only its words are known.
-
-    Args:
-        what: field of the campaign.
-        words: of the object.
-
-    Raises:
-        ValueError: when anything is asked of it.
-    """
-
-    what: str
-    words: str
-
-    def __getattr__(self, name: str) -> NoReturn:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        remedy = f"give it, {self.what}=..." if self.what == "estimator" else "run that script in this folder"
-        raise ValueError(f"the campaign's {self.what} is {self.words}, which a script gave: {remedy}")
 
 
 @table
@@ -104,7 +83,7 @@ class Campaign(Part):
     rough: Grid
     refined: Grid
     plan: Plan
-    random: dict[str, RandomField] = field(default_factory=dict)
+    random: Mapping[str, RandomField] = field(default_factory=dict)
     cross_correlation: CrossCorrelation | None = None
     run: Run = Run()
     motion: Motion | None = None
@@ -123,7 +102,7 @@ class Campaign(Part):
         """Complete what was given: ground alone is a site, soil has the means of what varies, a run its limit load."""
         values = dict(given if isinstance(given, dict) else given.kwargs or {})
         site, random, measured = (values.get(name) for name in ("ground", "random", "measured"))
-        if site is not None and not isinstance(site, Site | Given):
+        if site is not None and not isinstance(site, Site | FromScript):
             values["ground"] = Site(site)
         if isinstance(measured, Measured) and measured.limit_load is not None:
             values["run"] = values.get("run", Run()).failing_at(measured.limit_load)
@@ -136,10 +115,29 @@ class Campaign(Part):
     @validates(mode="after")
     def _together(self) -> Self:
         """Check what goes together, but for a folder whose script is not here, and which was checked when it began."""
-        if not (isinstance(self.ground, Given) or isinstance(self.site.shape, Given) or isinstance(self.soil, Given)):
+        if {missing.what for missing in self.missing} <= {"estimator"}:
             ground.check_ground(self.site.shape)
             check_campaign(self)
         return self
+
+    @cached_property
+    def missing(self) -> tuple[FromScript, ...]:
+        """Objects that a script gave and that are not here: its folder knows their words."""
+        return tuple(_from_script({part.name: getattr(self, part.name) for part in fields(self)}))
+
+    def require(self, *parts: str) -> None:
+        """Check that objects which a script gave are here.
+
+        Args:
+            *parts: of the campaign, none for all but the estimator.
+
+        Raises:
+            ValueError: one is not.
+        """
+        for missing in self.missing:
+            if missing.what in parts or (not parts and missing.what != "estimator"):
+                remedy = "give it, estimator=..." if missing.what == "estimator" else "run that script in this folder"
+                raise ValueError(f"the campaign's {missing.what} is {missing.words}, which a script gave: {remedy}")
 
     @property
     def site(self) -> Site:
@@ -218,6 +216,21 @@ class Campaign(Part):
         """The same with its unit, in words."""
         volume, unit = self.failing_volume, "m3" if self.dimension == 3 else "m2"
         return None if volume is None else f"{volume:g} {unit}"
+
+
+def _from_script(value: object) -> Iterator[FromScript]:
+    """What stands in a value, and in what it holds, for objects of a script."""
+    if isinstance(value, FromScript):
+        yield value
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _from_script(part)
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from _from_script(part)
+    elif is_dataclass(value) and not isinstance(value, type):
+        for field_of_it in fields(value):
+            yield from _from_script(getattr(value, field_of_it.name, None))
 
 
 def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:
@@ -415,7 +428,7 @@ def _of_other_ground(campaign: Campaign, name: str, positions: np.ndarray, layer
 def check_failure(campaign: Campaign) -> None:
     """Raise ValueError for an estimator or a screening that does not go with the failure displacement."""
     plan, run = campaign.plan, campaign.run
-    if not isinstance(campaign.estimator, Given):
+    if not isinstance(campaign.estimator, FromScript):
         campaign.estimator.check(
             Sampling(plan.samples, run.failure_displacement, plan.screening_stop, rough_samples=plan.rough_samples)
         )

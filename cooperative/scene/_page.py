@@ -85,7 +85,7 @@ def _unit(schema: tables.Schema) -> str:
 
 def _allowed(table: type[tables.Keyed], name: str, schema: tables.Schema) -> str:
     """What a key may hold; of a table of its own, what that one's keys may."""
-    inner = tables.table_in(tables.keys(table)[name])
+    inner: type | None = tables.table_in(tables.keys(table)[name])
     words = "a table" if "$ref" in schema else tables.wanted(schema)
     if inner is None or inner is tables.RandomField or not words.endswith("a table"):
         return words

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given
+from cooperative.scene._campaign import Campaign
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._words import in_python, is_same
 from cooperative.store import (
@@ -85,6 +85,7 @@ def in_folder(
         if is_same(scene, parse(scene.source, of_script)):
             scene, estimator = scene.source, of_script
     campaign = read(scene if isinstance(scene, Campaign) else settled(scene, folder), estimator)
+    campaign.require("estimator")
     refuse_another(folder, campaign.source)
     return _grown(campaign, folder, refined_runs, slides_t_end), campaign.source
 
@@ -124,7 +125,7 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None, slides_t_
     budget = stored_budget(folder)
     if refined_runs is not None:
         budget = _more(campaign, budget, refined_runs)
-    if budget is not None and not isinstance(campaign.estimator, Given):
+    if budget is not None and not isinstance(campaign.estimator, tables.FromScript):
         chosen, where = campaign.estimator, f"refined_runs = {budget.refined_runs}"
         assert is_dataclass(chosen)
         if budget.refined_runs <= budget.scene:

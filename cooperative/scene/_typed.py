@@ -11,7 +11,7 @@ import numpy as np
 
 from cooperative.estimate import SETTINGS, Estimator
 from cooperative.scene import tables
-from cooperative.scene._campaign import Campaign, Given, check_grids
+from cooperative.scene._campaign import Campaign, check_grids
 from cooperative.scene._contact import fields_of, interface_of, on_ground
 from cooperative.scene._files import Files
 from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground, ask_of_record
@@ -33,6 +33,7 @@ from jaxmpm.support.text import short, shown
 
 LARGEST = 1_000_000
 """Bytes of a scene file at most; a scene has a few thousand."""
+Points = tuple[tuple[float, float], ...]
 DEEPEST_POOL = 10.0
 """Depth of water on the ground up to which it is plausible, over the height of the ground above its base."""
 
@@ -91,7 +92,8 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         run=scene.run,
         motion=scene.motion,
         plan=scene.campaign.plan,
-        estimator=estimator or (Given("estimator", given) if given else scene.campaign.chosen),
+        estimator=estimator
+        or (cast(Estimator, tables.FromScript("estimator", given)) if given else scene.campaign.chosen),
         hazard=scene.hazard,
         exposed=tuple(scene.exposed or ()),
         measured=tables.Measured(calibration=scene.calibration, limit_load=scene.limit_load),
@@ -184,6 +186,7 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
     Raises:
         ValueError: slope, soil and grid do not fit together.
     """
+    campaign.require()
     return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.loads)
 
 
@@ -220,11 +223,11 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
         ask_for_origin(surface)
     x, y = (given or between_cells(ends, cells) for given, ends in zip((table.x, table.y), surface.ends, strict=True))
     shape = Terrain(
-        surface, table.base, x, y, polygon=table.polygon, depth=table.depth, cut=table.cut,
+        surface, table.base, x, y, polygon=cast(Points | None, table.polygon), depth=table.depth, cut=table.cut,
         bedrock=cast(Raster | None, table.bedrock),
     )  # fmt: skip
     shape.check()
-    track = track_of(table.run_out_line or (), shape)
+    track = track_of(cast(Points, table.run_out_line or ()), shape)
     return Site(shape, table.ends, (), *_water(scene, shape), track, table.origin or (0.0, 0.0))
 
 

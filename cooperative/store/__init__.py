@@ -26,7 +26,7 @@ from cooperative.store._opened import (
 )
 from cooperative.store._runs import fields_path, read_rows, read_sample, restart_path, write_sample
 from cooperative.store._samples import COARSE, MOVING, SLIDES, Record, Rows, Sample, Store, mixed_versions
-from cooperative.store._source import Source, scene_digest, source_from, table_of, tables_of
+from cooperative.store._source import SCRIPTS, Source, scene_digest, source_from, table_of, tables_of
 from jaxmpm.support.files import DamagedFile, own_folder, write_aside
 from jaxmpm.support.hdf5 import Scalar
 
@@ -37,6 +37,7 @@ __all__ = [
     "GRIDS",
     "MEASURED",
     "MOVING",
+    "SCRIPTS",
     "SLIDES",
     "SLIDES_END",
     "SUMMARY",

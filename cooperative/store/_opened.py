@@ -37,7 +37,7 @@ from cooperative.store._database import (
 )
 from cooperative.store._runs import FIELDS, fields_path, read_fields_file
 from cooperative.store._samples import Store, package_versions
-from cooperative.store._source import MOST_TEXT, Source, differences, source_from
+from cooperative.store._source import MOST_TEXT, SCRIPTS, Source, differences, source_from, table_of
 from jaxmpm.support import files
 from jaxmpm.support.files import DamagedFile, set_aside, write_aside
 from jaxmpm.support.text import printable, short, shown
@@ -232,6 +232,9 @@ def refuse_another(folder: Path, source: Source) -> Source | None:
 
     Raises:
         ValueError: the folder is of another campaign; the message names what differs.
+
+    Warns:
+        UserWarning: a file of the script changed since the campaign began.
     """
     there = stored_source(folder)
     if there is not None and (differ := differences(there, source)):
@@ -239,6 +242,15 @@ def refuse_another(folder: Path, source: Source) -> Source | None:
             f"folder {folder} belongs to another scene ({'; '.join(differ)}): "
             "give another folder, or the scene that it was started with"
         )
+    if there is not None:
+        before, now = table_of(there.beside, SCRIPTS), table_of(source.beside, SCRIPTS)
+        for name in sorted(before.keys() & now.keys()):
+            if before[name] != now[name]:
+                warnings.warn(
+                    f"the file that defines {name} is not as it was when the campaign in {folder} began: its samples "
+                    "are of one campaign only if what they run did not change",
+                    stacklevel=2,
+                )
     return there
 
 

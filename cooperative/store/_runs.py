@@ -21,6 +21,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from cooperative.names import GRIDS
 from cooperative.store._database import (
     ABOUT,
     TYPES,
@@ -33,7 +34,6 @@ from cooperative.store._database import (
 )
 from cooperative.store._samples import (
     COARSE,
-    GRIDS,
     SLIDES,
     Record,
     Rows,

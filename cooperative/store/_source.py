@@ -20,6 +20,8 @@ MOST_ENTRIES = 10**6
 """Values, lists and tables that a scene and what stands beside it may have."""
 MOST_SPELLED = 2**25
 """Characters of the dotted keys of all values of a scene, in which it is compared with another."""
+SCRIPTS = "scripts"
+"""Table of checksums of a script's files, which do not tell one campaign from another."""
 INDEX = 8
 """Characters of the number of a value in a list."""
 DEEPEST = 64
@@ -221,4 +223,4 @@ def _flat(tables: Mapping[str, object]) -> dict[str, str]:
             flat |= walk(key, value)
         return flat
 
-    return walk("", tables)
+    return walk("", {name: table for name, table in tables.items() if name != SCRIPTS})

@@ -3,7 +3,7 @@
 from cooperative.scene.tables._campaign import Grid, Plan, PlanAndEstimator
 from cooperative.scene.tables._ground import Ground, Interface, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
-from cooperative.scene.tables._key import EXTRAS, Part, Table, keys, table
+from cooperative.scene.tables._key import EXTRAS, FromScript, Part, Table, keys, table
 from cooperative.scene.tables._level import RandomLevel
 from cooperative.scene.tables._motion import AXES, Motion
 from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
@@ -46,6 +46,7 @@ __all__ = [
     "Calibration",
     "CrossCorrelation",
     "Exposed",
+    "FromScript",
     "Grid",
     "Ground",
     "Hazard",

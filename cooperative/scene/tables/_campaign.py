@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge
 from jax import Array
 from jax.typing import ArrayLike
-from pydantic import AfterValidator, Strict
+from pydantic import BeforeValidator, Strict
 
 import kl
 from cooperative.estimate import ESTIMATORS, SETTINGS, Estimator, SubsetPlan, named_estimator
@@ -106,7 +106,7 @@ class Grid(Part):
         return replace(cell_independent(Discretisation(**values, dtype="float32"), soil), **values)
 
 
-def _number(slides: int | Literal["all"] | None) -> int | None:
+def _number(slides: object) -> object:
     return None if slides == "all" else slides
 
 
@@ -149,7 +149,9 @@ class Plan(Part):
         0.5,
         0.5,
     )
-    slides: Annotated[FromNone | Literal["all"] | None, AfterValidator(_number)] = key(
+    slides: Annotated[
+        FromNone | None, BeforeValidator(_number, json_schema_input_type=FromNone | Literal["all"] | None)
+    ] = key(
         "Number of failures, drawn along the ranks, that slide to their end; other refined runs end at failure. "
         "`None` in Python is all.",
         30,

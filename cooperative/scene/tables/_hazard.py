@@ -140,8 +140,11 @@ class Exposed(Part):
         Raises:
             ValueError: a curve that falls or leaves [0, 1], or corners that are no stretch and no polygon.
         """
-        corners = self.polygon if self.between is None else tuple((x,) for x in self.between)
-        return ElementAtRisk(self.name, corners if self.at is None else (self.at,), self.value, self._curve)
+        if self.polygon is not None:
+            corners: Any = self.polygon
+        else:
+            corners = (self.at,) if self.between is None else tuple((x,) for x in self.between)
+        return ElementAtRisk(self.name, corners, self.value, self._curve)
 
     @property
     def _curve(self) -> Vulnerability | None:

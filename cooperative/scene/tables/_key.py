@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import cleandoc
-from typing import Annotated, Any, Literal, TypeVar, dataclass_transform
+from typing import Annotated, Any, Literal, TypeVar, cast, dataclass_transform
 
 import numpy as np
 from annotated_types import Ge, GroupedMetadata, Interval, MinLen
@@ -98,7 +98,7 @@ class Part:
         return value
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(key,))
+@dataclass_transform(frozen_default=True)
 def table(kind: type[T]) -> type[T]:
     """Make a subclass of `Part` a frozen dataclass, which refuses a value in the words of its keys and explains them.
 
@@ -107,12 +107,12 @@ def table(kind: type[T]) -> type[T]:
     """
     words = cleandoc(kind.__doc__ or "")
     config = ConfigDict(**CONFIG, json_schema_extra={"description": words})
-    made = pydantic_dataclass(frozen=True, config=config)(kind)
+    made: Any = pydantic_dataclass(frozen=True, config=config)(kind)
     if "\nArgs:" not in words:
         explained = "\n".join(f"    {name}: {field.description}" for name, field in keys(made).items())
         made.__doc__ = f"{words}\n\nArgs:\n{explained}"
     init = made.__init__
-    names = [field.name for field in fields(made) if field.init]  # type: ignore[arg-type]
+    names = [field.name for field in fields(made) if field.init]
 
     @wraps(init)
     def checked(self: T, *args: object, **kwargs: object) -> None:
@@ -127,8 +127,8 @@ def table(kind: type[T]) -> type[T]:
 
             raise refusal(made, given | kwargs, error) from error
 
-    made.__init__ = checked  # type: ignore[misc]
-    return made
+    made.__init__ = checked
+    return cast(type[T], made)
 
 
 def keys(kind: type) -> Mapping[str, FieldInfo]:
@@ -189,18 +189,32 @@ class Within(GroupedMetadata):
         yield Field(json_schema_extra=extra | ({"infinite": True} if self.infinite else {}))
 
 
+@dataclass(frozen=True)
+class FromScript:
+    """Stands for an object that a script gave, of which its folder knows only the words.
+
+    Args:
+        what: part of the campaign.
+        words: of the object.
+    """
+
+    what: str
+    words: str
+
+
 def one_of(choices: Mapping[str, object], others: type | None = None) -> PlainValidator:
     """Of a type: a text that names one of the choices, for which the value then stands; or what it stands for.
 
     Args:
         choices: by name.
-        others: what Python may give besides.
+        others: what Python may give besides, or a folder for it.
     """
+    allowed = () if others is None else (others, FromScript)
 
     def chosen(value: object) -> object:
         if isinstance(value, list):
             value = tuple(value)
-        if any(value is each or value == each for each in choices.values()) or (others and isinstance(value, others)):
+        if any(value is each or value == each for each in choices.values()) or isinstance(value, allowed):
             return value
         if not isinstance(value, str) or value not in choices:
             raise PydanticCustomError("choice", "no choice")
@@ -322,8 +336,8 @@ def _data(value: object, info: ValidationInfo) -> object:
 
 
 Data = Annotated[
-    Rows | str,
-    BeforeValidator(_data),
+    Rows,
+    BeforeValidator(_data, json_schema_input_type=Rows | str),
     Field(json_schema_extra={"allowed": "rows of a coordinate per axis and the value, or the name of a file"}),
 ]
 """Rows of numbers, also by the name of a file, likewise."""

@@ -20,6 +20,7 @@ from cooperative.scene.tables._key import (
     Table,
     Within,
     key,
+    keys,
     one_of,
     plain_name,
 )
@@ -199,12 +200,10 @@ VaryingInLayer: Any = create_model(
     "VaryingInLayer",
     __base__=Table,
     __doc__="What a layer may give of a parameter that varies.",
-    **_optional(
-        {name: each for name, each in RandomField.__pydantic_fields__.items() if name != "sampled_at"}, "that of [soil]"
-    ),
+    **_optional({name: each for name, each in keys(RandomField).items() if name != "sampled_at"}, "that of [soil]"),
 )
 _SoilOfLayer: Any = create_model(
-    "_SoilOfLayer", __base__=Table, **_optional(_Soil[VaryingInLayer].model_fields, "that of [soil]")
+    "_SoilOfLayer", __base__=Table, **_optional(keys(_Soil[VaryingInLayer]), "that of [soil]")
 )
 
 

@@ -9,7 +9,7 @@ import pytest
 from cooperative import campaign
 from cooperative.estimate import TwoPhase, all_samples, rank_samples, with_variance
 from cooperative.reporting import progress_of
-from cooperative.scene import Given, campaign_of, parse
+from cooperative.scene import FromScript, campaign_of, parse
 from cooperative.store import read_rows, read_store
 from cooperative.summary import summarise
 from tests.cooperative.campaign.test_campaign import TINY
@@ -114,5 +114,5 @@ def test_what_does_not_go_with_a_given_estimator_is_refused(tmp_path):
 
 def test_a_worker_needs_no_estimator():
     source = parse(SCENE, EveryKth(2)).source
-    assert parse(source).estimator == Given("estimator", "EveryKth(k=2)")
+    assert parse(source).estimator == FromScript("estimator", "EveryKth(k=2)")
     assert parse(source, EveryKth(2)).estimator == EveryKth(2)
