@@ -22,6 +22,7 @@ from .io import load_state, save_state, write_particles, write_vtkhdf
 from .laws import BaseMotion
 from .protocols import Kernel, Material
 from .run import (
+    Exceeds,
     Result,
     Settle,
     advance,
@@ -65,6 +66,7 @@ __all__ = [
     "CamClaySoil",
     "Discretisation",
     "Engine",
+    "Exceeds",
     "Face",
     "FrictionalSoil",
     "GranularSoil",

@@ -87,7 +87,7 @@ print(f"vertical stress behind the crest: within {stress_error:.1%} of the weigh
 # `raise_if_failed` turns a numerical failure into an error. A slope that slides is no such failure.
 
 # %%
-standing = mpm.solve(scene, state, t_end=20.0, settle=mpm.Settle()).raise_if_failed()
+standing = mpm.solve(scene, state, t_end=20.0, rules=[mpm.Settle()]).raise_if_failed()
 standing_displacement = float(mpm.diagnostics.largest_displacement(standing.state))
 seconds = int(standing.state.step) * float(scene.numerics.time_step)
 print(

@@ -64,7 +64,7 @@ print(f"{samples} samples of {expansion.modes} coefficients, strengths at {stren
 def final_displacement(numbers: range, width: int) -> dict[int, np.ndarray]:
     """Displacement (2, N) m at the end of each sample's run, `width` lanes at a time."""
     varied = {"strength": (strengths[i] for i in numbers)}
-    runs = mpm.solve_each(scene, state, varied, width=width, t_end=20.0, settle=mpm.Settle())
+    runs = mpm.solve_each(scene, state, varied, width=width, t_end=20.0, rules=[mpm.Settle()])
     return {number: np.asarray(result.state.displacement) for number, result in runs}
 
 
@@ -85,7 +85,7 @@ plastic_strain = np.zeros((samples, position.shape[1]), np.float32)
 status, steps = np.zeros(samples, int), np.zeros(samples, int)
 width = 1 if jax.default_backend() == "cpu" else 64
 
-runs = mpm.solve_each(scene, state, {"strength": strengths}, width=width, t_end=20.0, settle=mpm.Settle())
+runs = mpm.solve_each(scene, state, {"strength": strengths}, width=width, t_end=20.0, rules=[mpm.Settle()])
 for number, result in tqdm(runs, total=samples, desc="screening", unit="sample", file=sys.stdout, mininterval=1.0):
     displacement[number] = result.state.displacement
     plastic_strain[number] = result.state.history

@@ -299,7 +299,7 @@ def slumped(
     scene, state = scene_of(mud, domain, inside, cell=cell, gravity=g, base="fixed")
     scene = replace(scene, numerics=replace(scene.numerics, fbar=True, flip=number(0.99)))
     settle = mpm.Settle(speed=0.02, drift=0.05, hold=2.0)
-    return scene, mpm.solve(scene, state, t_end=20.0, settle=settle).raise_if_failed()
+    return scene, mpm.solve(scene, state, t_end=20.0, rules=[settle]).raise_if_failed()
 
 
 flat, flat_run = slumped((20.0, 5.0), lambda x: (x[0] < edge) & (x[1] < edge), 0.5 if SMALL else 0.25)

@@ -123,7 +123,7 @@ def of_scene(
     assert campaign.soil is not None
     choices = replace(campaign.grids["refined"], **numerics)
     scene, state = campaign.site.built(campaign.soil, choices, campaign.run.gravity, at_rest=True)
-    ended = solve(reduced(scene, reduction), state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
+    ended = solve(reduced(scene, reduction), state, t_end=campaign.run.t_end, rules=[Settle()]).raise_if_failed()
     toe = campaign.site.shape.face.toe_x if campaign.site.shape.face else TOE
     return Slide(scene, ended.state, toe, cell, campaign.run.failure_displacement)
 
@@ -139,7 +139,7 @@ def half_slope(cell: float) -> Slide:
     scene, _ = campaign.site.built(campaign.soil, campaign.grids["refined"], campaign.run.gravity, at_rest=False)
     walls = tuple(replace(w, hold="roller") if (w.axis, w.side) == (1, "high") else w for w in scene.boundary.walls)
     scene = replace(scene, boundary=replace(scene.boundary, walls=walls))
-    ended = solve(reduced(scene, 1.2), mpm.at_rest(scene), t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
+    ended = solve(reduced(scene, 1.2), mpm.at_rest(scene), t_end=campaign.run.t_end, rules=[Settle()]).raise_if_failed()
     assert campaign.site.shape.face is not None
     return Slide(scene, ended.state, campaign.site.shape.face.toe_x, cell, campaign.run.failure_displacement)
 
@@ -180,7 +180,7 @@ def clay_dam(cell: float, *, gap_memory: bool = True, numerics: Numerics = DEFAU
     walls = tuple(replace(w, hold="friction") if (w.axis, w.side) == (1, "low") else w for w in scene.boundary.walls)
     coefficient = jnp.asarray(friction, state.stress.dtype)
     scene = replace(scene, boundary=replace(scene.boundary, walls=walls, friction=coefficient))
-    ended = solve(scene, state, t_end=10.0, settle=Settle()).raise_if_failed()
+    ended = solve(scene, state, t_end=10.0, rules=[Settle()]).raise_if_failed()
     return Slide(scene, ended.state, length, cell, 0.5)
 
 

@@ -56,7 +56,7 @@ def row(
         scene, state, bracket=(1.0, 1.6), failure_displacement=limit, resolution=resolution, batch=4
     )
     weaker = reduced(scene, result.fails if reduction is None else reduction)
-    slide = solve(weaker, state, t_end=campaign.run.t_end, settle=Settle()).raise_if_failed()
+    slide = solve(weaker, state, t_end=campaign.run.t_end, rules=[Settle()]).raise_if_failed()
     position, face = np.asarray(scene.particles.position), campaign.site.shape.face
     assert face is not None
     done = consequences(

@@ -201,7 +201,7 @@ def slope_row(
 def slide(scene: mpm.Scene, state: mpm.State, reduction: float, numerics: mpm.Discretisation) -> Consequences:
     """What the section's slide at this strength reduction leaves."""
     campaign = scene_campaign("paper_section")
-    ended = mpm.solve(mpm.reduced(scene, reduction), state, t_end=campaign.run.t_end, settle=mpm.Settle())
+    ended = mpm.solve(mpm.reduced(scene, reduction), state, t_end=campaign.run.t_end, rules=[mpm.Settle()])
     face = campaign.site.shape.face
     assert face is not None
     return consequences(

@@ -132,11 +132,13 @@ def _rows(case: Case, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     soil, run = runs.random_soil(campaign), campaign.run
     model = runs.build(campaign, case.grid, soil)
     coefficients = runs.coefficients_of(campaign, soil)
-    watched = Watched(model.scene, Early(run.t_end), run.failure_displacement, campaign.failing_volume)
+    watched = Watched(
+        model.scene, Early(run.t_end, run.failure_displacement), run.failure_displacement, campaign.failing_volume
+    )
     strengths = (model.varied(jnp.asarray(coefficients[sample]))["strength"] for sample in numbers)
+    rules = [rule for rule in campaign.rules(run.failure_displacement) if not isinstance(rule, Early)]
     for sample, result in solve_each(
-        model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=run.t_end,
-        settle=run.settling, stop_at=run.failure_displacement, least_volume=campaign.failing_volume,
+        model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=run.t_end, rules=rules,
         observe=watched.observe,
     ):  # fmt: skip
         displacement = float(farthest(model.scene, result.state, None, campaign.failing_volume))

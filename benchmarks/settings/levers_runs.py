@@ -21,7 +21,7 @@ from benchmarks.statistics.section_pairs import study
 from cooperative import runs
 from cooperative.measure import Consequences, consequences
 from cooperative.runs import GridModel
-from jaxmpm import Result, Scene, Settle, State, diagnostics, solve_each
+from jaxmpm import Exceeds, Result, Scene, Settle, State, diagnostics, solve_each
 
 DATA = ROOT / "benchmarks" / "data" / "levers.csv"
 SCENES = ("paper_section", "section")
@@ -76,7 +76,7 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     strengths = (model.varied(jnp.asarray(coefficients[sample]))["strength"] for sample in numbers)
     for sample, result in solve_each(
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=campaign.run.t_end,
-        settle=Settle(), stop_at=campaign.run.failure_displacement if until == "class" else None,
+        rules=[Settle(), *([Exceeds(campaign.run.failure_displacement)] if until == "class" else [])],
     ):  # fmt: skip
         done = measured(model, result)
         energy = float(_energy(model.scene, result.state)) - begun

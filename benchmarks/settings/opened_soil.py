@@ -9,7 +9,7 @@ closed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -27,8 +27,8 @@ from cooperative import runs
 from cooperative.measure import SEVERITY, Motion
 from cooperative.runs import GridModel
 from cooperative.store import Sample
-from jaxmpm import Result, Settle, State, Status, solve_each
-from jaxmpm.run import Midway
+from jaxmpm import Result, State, Status, solve_each
+from jaxmpm.run import Midway, Rule
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
@@ -137,7 +137,7 @@ def followed(
     model: GridModel,
     coefficients: np.ndarray,
     t_end: float,
-    settle: Settle | None,
+    rules: Sequence[Rule],
     look: Callable[[float, State], None],
 ) -> tuple[Result, Motion]:
     """Run one sample.
@@ -146,7 +146,7 @@ def followed(
         model: of the grid.
         coefficients: of the sample (modes,).
         t_end: last time (s).
-        settle: rule by which the run ends earlier.
+        rules: by which the run ends earlier.
         look: called now and then with the time (s) and the state.
 
     Returns:
@@ -161,7 +161,7 @@ def followed(
         look(seconds, midway.state)
 
     own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
-    ((_, result),) = solve_each(model.scene, model.state, own, width=1, t_end=t_end, settle=settle, observe=observe)
+    ((_, result),) = solve_each(model.scene, model.state, own, width=1, t_end=t_end, rules=rules, observe=observe)
     return result, past
 
 
@@ -176,7 +176,7 @@ def run_watched(model: GridModel, sample: int) -> tuple[Sample, str]:
         if state.gap is not None:
             widest = np.maximum(widest, np.asarray(state.gap, float))
 
-    result, past = followed(model, coefficients, run.t_end, run.settling, look)
+    result, past = followed(model, coefficients, run.t_end, run.settles, look)
     answer = runs.finished(model, sample, coefficients, result, 0.0, past)
     if result.state.gap is None:
         return answer, ""

@@ -21,7 +21,7 @@ from cooperative import runs
 from cooperative.estimate import wilson_interval
 from cooperative.measure import exceeded
 from cooperative.scene import measure_limit_load
-from jaxmpm import Settle, Slope, solve_each
+from jaxmpm import Exceeds, Settle, Slope, solve_each
 from jaxmpm.run import Midway
 
 PATH = ROOT / "benchmarks" / "data" / "cho_cphi.csv"
@@ -150,7 +150,7 @@ def _run(model: runs.GridModel, varied: Mapping[str, Any], least: float) -> tupl
 
     each = {name: [value] for name, value in varied.items()}
     for _ in solve_each(
-        model.scene, model.state, each, width=1, t_end=model.campaign.run.t_end, settle=Settle(), stop_at=BEYOND,
+        model.scene, model.state, each, width=1, t_end=model.campaign.run.t_end, rules=[Settle(), Exceeds(BEYOND)],
         observe=look,
     ):  # fmt: skip
         pass

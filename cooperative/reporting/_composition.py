@@ -227,8 +227,8 @@ def moments(model: runs.GridModel, sample: Sample) -> runs.Frames:
     run = model.campaign.run
     varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(
-        model.scene, model.state, varied, width=1, t_end=run.t_end, settle=run.settling, slides_end=model.slides_end,
-        least_volume=model.campaign.failing_volume, observe=look,
+        model.scene, model.state, varied, width=1, t_end=run.t_end, rules=model.campaign.rules(),
+        slides_end=model.slides_end, observe=look,
     ):  # fmt: skip
         end = int(result.state.step) * float(result.time_step)
         if not times or end > times[-1]:

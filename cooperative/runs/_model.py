@@ -19,7 +19,7 @@ from cooperative.scene import CONTACT, Campaign, RandomField
 from jaxmpm import Face, Scene, State, with_columns
 from jaxmpm.ground import Contact
 from jaxmpm.laws import Zoned, declared, with_parameters
-from jaxmpm.run import column_shape
+from jaxmpm.run import SlidesEnd, column_shape
 from kl.marginal import Marginal
 
 
@@ -60,12 +60,12 @@ class GridModel:
         return self.grid == "refined" and self.campaign.plan.slides != 0
 
     @property
-    def slides_end(self) -> tuple[float, float] | None:
-        """Displacement (m) from which on a run goes on beyond t_end, and up to when (s); None where none does."""
+    def slides_end(self) -> SlidesEnd | None:
+        """From which displacement on a run goes on beyond t_end, and up to when; None where none does."""
         run = self.campaign.run
         if run.last(self.grid) == run.t_end:
             return None
-        return run.failure_displacement, run.last(self.grid)
+        return SlidesEnd(run.failure_displacement, run.last(self.grid), self.campaign.failing_volume)
 
     @property
     def geometry(self) -> Face | OpenGround:

@@ -3,8 +3,8 @@
 A slide is drawn by its frames without being run again. A run that was killed goes on from its restart point, bit for
 bit.
 
-A restart point holds the state, what the settle watch remembers, what the modes need of the past and the frames so far.
-It lies in the campaign's folder, which a worker must see; where it does not, its runs start afresh.
+A restart point holds the state, the memory of the stopping rules, what the modes need of the past and the frames so
+far. It lies in the campaign's folder, which a worker must see; where it does not, its runs start afresh.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from jaxmpm import State, load_state, save_state
 from jaxmpm.run import Midway
 from jaxmpm.support import files
 
+MEMORY = "memory of "
+"""Begins the names of the memories of stopping rules in a restart point."""
 PASSED = (1.0, 5.0)
 """Multiples of the failure displacement. A frame is the state after the first chunk of steps that ends beyond one."""
 
@@ -71,7 +73,7 @@ class RestartPoint:
     """A run under way.
 
     Args:
-        midway: state, and what the settle watch remembers.
+        midway: state, and what the stopping rules remember.
         motion: past of the run, for its mode.
         frames: so far.
         seconds: of wall time that it has taken so far.
@@ -104,9 +106,7 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
         "grid": grid,
         "sample": number,
         "seconds": point.seconds,
-        "quiet": point.midway.quiet,
-        "reference": point.midway.reference,
-        "rates": point.midway.rates,
+        **{f"{MEMORY}{name}": memory for name, memory in point.midway.memory.items()},
         "times": np.asarray(motion.times),
         "moved": motion.moved,
         "onset": motion.onset,
@@ -143,6 +143,6 @@ def read_restart(
         warnings.warn(f"{error}: set aside, the run starts afresh", stacklevel=2)
         files.set_aside(path)
         return None
-    midway = Midway(state, about["quiet"], about["reference"], about["rates"])
+    memory = {name.removeprefix(MEMORY): values for name, values in about.items() if name.startswith(MEMORY)}
     motion = replace(start, times=tuple(about["times"].tolist()), moved=about["moved"], onset=about["onset"])
-    return RestartPoint(midway, motion, Frames.of(about), about["seconds"])
+    return RestartPoint(Midway(state, memory), motion, Frames.of(about), about["seconds"])

@@ -19,7 +19,7 @@ from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import MOVING, SLIDES, Sample, Scalar, stored_source
 from jaxmpm import Face, Result, Status, passing, solve_each
-from jaxmpm.run import Chunk, Midway
+from jaxmpm.run import Chunk, Early, Midway
 
 GROUND = "column_ground"
 """Field of a slide: how far the ground of each column has moved (m), the largest displacement of what was its top."""
@@ -88,8 +88,7 @@ def run_samples(
     varied = {name: map(itemgetter(name), own) for name, own in zip(names, soils, strict=True)}
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end,
-        settle=model.campaign.settles(stop_at), slides_end=model.slides_end, stop_at=stop_at,
-        least_volume=model.campaign.failing_volume, on_chunk=looked,
+        rules=model.campaign.rules(stop_at), slides_end=model.slides_end, on_chunk=looked,
         observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
     ):  # fmt: skip
         lane = under_way.lanes.pop(number)
@@ -260,10 +259,10 @@ def finished(
             mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
             row |= mode_row(mode)
             fields["slice_depth"] = mode.depth.astype(np.float32)
-    settle = campaign.settles(limit)
-    if settle is not None and settle.early is not None and int(result.status) == Status.DECIDED:
+    early = next((rule for rule in campaign.rules(limit) if isinstance(rule, Early)), None)
+    if early is not None and int(result.status) == Status.DECIDED:
         time = np.asarray(float(result.state.step * result.time_step))
-        row["displacement"] = float(settle.early.projected(np.asarray(row["displacement"], float), time))
+        row["displacement"] = float(early.projected(np.asarray(row["displacement"], float), time))
     row["time"] = float(result.state.step * result.time_step)
     row |= {} if level is None else {"water_level": level}
     return Sample(

@@ -39,8 +39,8 @@ from cooperative.scene.tables import (
     table,
 )
 from cooperative.store import Source
-from jaxmpm import BaseMotion, Discretisation, Settle, ground
-from jaxmpm.run import least_failing_volume
+from jaxmpm import BaseMotion, Discretisation, Exceeds, ground
+from jaxmpm.run import Rule, least_failing_volume
 from jaxmpm.soil import AnySoil
 
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
@@ -161,15 +161,16 @@ class Campaign(Part):
         run = self.run
         return {"gravity": run.gravity, "k_h": run.k_h or None, "k_v": run.k_v or None, "motion": self.shaking}
 
-    def settles(self, stop_at: float | None) -> Settle | None:
-        """When one of its runs has settled; None for never.
+    def rules(self, stop_at: float | None = None) -> tuple[Rule, ...]:
+        """What ends one of its runs before its end time.
 
         Args:
             stop_at: displacement (m) that decides its class, None where more than the class is asked for.
         """
-        return self.run.settling_early(
-            stop_at, softens=self.site.softens_linearly(self.soil), shaken=self.motion is not None
-        )
+        shaken, softens = self.motion is not None, self.site.softens_linearly(self.soil)
+        early = self.run.early_rule(stop_at, softens=softens, shaken=shaken)
+        rules = self.run.settling, None if stop_at is None else Exceeds(stop_at), early
+        return tuple(replace(rule, least_volume=self.failing_volume) for rule in rules if rule is not None)
 
     @cached_property
     def grids(self) -> Mapping[str, Discretisation]:

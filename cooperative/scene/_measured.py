@@ -210,7 +210,7 @@ def limit_load_factor(
 
 def _displacement(scene: Scene, state: State, t_end: float, volume: float) -> float:
     """Displacement (m) that a volume of soil has exceeded by the end of a run."""
-    result = solve(scene, state, t_end=t_end, settle=Settle(), least_volume=volume).raise_if_failed()
+    result = solve(scene, state, t_end=t_end, rules=[Settle(least_volume=volume)]).raise_if_failed()
     return float(diagnostics.exceeded_displacement(scene, result.state, volume))
 
 

@@ -12,6 +12,7 @@ from cooperative.scene import Campaign, doubts
 from cooperative.store import Rows, mixed_versions
 from cooperative.summary._slides import in_range, out_of_range
 from cooperative.summary._values import CutOff
+from jaxmpm.run import Early
 
 NEAR_FAILURE = 0.2
 """Share of the failure displacement from which a standing slope is close to failure."""
@@ -82,8 +83,7 @@ def notes_of(
         )
     classes = [grid for grid, stop in (("rough", campaign.plan.screening_stop), ("refined", campaign.plan.slides))
                if stop is not None]  # fmt: skip
-    settle = campaign.settles(run.failure_displacement)
-    if settle is not None and settle.early is not None and classes:
+    if classes and any(isinstance(rule, Early) for rule in campaign.rules(run.failure_displacement)):
         notes.append(
             f"{' and '.join(classes)} runs ended once the rate of their plastic strain showed the class ([run] early). "
             f"In {EARLY_TESTED} runs of other samples this changed no class, an error of at most "

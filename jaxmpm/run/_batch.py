@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
@@ -13,9 +13,8 @@ import numpy as np
 from jax import Array
 
 from jaxmpm.run._advance import advance_lanes
-from jaxmpm.run._early import START
 from jaxmpm.run._integrate import Result
-from jaxmpm.run._stopping import Settle, Watch, farthest, steps_until
+from jaxmpm.run._stopping import Rule, SlidesEnd, Watch, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
 
 Tree = TypeVar("Tree")
@@ -38,19 +37,15 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Midway:
-    """An unfinished sample: its state, and the memory of the stopping rule (see `Settle`).
+    """An unfinished sample.
 
     Args:
         state: now.
-        quiet: seconds without motion so far.
-        reference: displacement (m) from which motion is counted.
-        rates: (8,), memory of the rule `jaxmpm.run.Early`.
+        memory: of the stopping rules, by the name of their class; a rule that has none starts.
     """
 
     state: State
-    quiet: float = 0.0
-    reference: float = 0.0
-    rates: np.ndarray = field(default_factory=START.copy)
+    memory: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -103,7 +98,9 @@ class Batch:
     every: float
 
     @classmethod
-    def of(cls, shared: Scene, samples: list[Sample], *, t_end: float, every: float) -> Batch:
+    def of(
+        cls, shared: Scene, samples: list[Sample], rules: tuple[Rule, ...] = (), *, t_end: float, every: float
+    ) -> Batch:
         """A batch with one lane for each sample."""
         axes = jax.tree.map(lambda a, b: None if a is b else 0, shared, samples[0].scene)
         starts = [sample.begin() for sample in samples]
@@ -113,8 +110,9 @@ class Batch:
             *(sample.scene for sample in samples),
             is_leaf=_is_none,
         )
-        quiet, reference = (np.array([getattr(s, name) for s in starts], float) for name in ("quiet", "reference"))
-        watch = Watch(quiet, reference, np.stack([s.rates for s in starts], axis=1))
+        watch = Watch.start(rules, (len(samples),))
+        for lane, start in enumerate(starts):
+            watch = watch.restarted(lane, start.memory)
         state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(start.state for start in starts))
         paces = [_pace(sample.scene, t_end, every) for sample in samples]
         time_step, total, chunk = (np.array(column) for column in zip(*paces, strict=True))
@@ -154,43 +152,31 @@ class Batch:
 
     def midway(self, lane: int) -> Midway:
         """The sample in a lane as it is now."""
-        watch = self.watch
-        quiet, reference = float(watch.quiet[lane]), float(watch.reference[lane])
-        return Midway(_lane(self.state, lane), quiet, reference, watch.rates[:, lane])
+        return Midway(_lane(self.state, lane), self.watch.of_lane(lane))
 
     def result(self, lane: int) -> Result:
         """Result of a sample that has ended."""
         scene = _take(self.scene, lane, self.axes)
         return Result(jax.device_get(_take(self.state, lane)), scene.numerics.time_step)
 
-    def advanced(
-        self,
-        settle: Settle | None,
-        stop_at: float | None,
-        slides_end: tuple[float, float] | None = None,
-        least_volume: float | None = None,
-    ) -> Batch:
+    def advanced(self, slides_end: SlidesEnd | None = None) -> Batch:
         """The batch after a chunk of steps of every lane and a look at each.
 
         Args:
-            settle: rule by which lanes settle, None for none.
-            stop_at: displacement at which lanes are decided (m), None for none.
-            slides_end: displacement (m) and time (s), as of `solve_each`.
-            least_volume: as for `solve`.
+            slides_end: as of `solve_each`.
 
         Returns:
             Batch.
         """
         state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
         elapsed = self.chunk * self.time_step
-        watch, status = self.watch.look(self.scene, state, self.axes, elapsed, settle, stop_at, least_volume)
+        watch, status = self.watch.look(self.scene, state, self.axes, elapsed)
         step = np.asarray(state.step)
         over = (status == Status.RUNNING) & (step >= self.total)
         if slides_end is not None and over.any():
-            beyond, time = slides_end
-            last = np.array([steps_until(time, dt) for dt in self.time_step])
-            reached = np.asarray(farthest(self.scene, state, self.axes, least_volume))
-            over &= (step >= last) | (reached <= beyond)
+            last = np.array([steps_until(slides_end.time, dt) for dt in self.time_step])
+            reached = np.asarray(farthest(self.scene, state, self.axes, slides_end.least_volume))
+            over &= (step >= last) | (reached <= slides_end.displacement)
         ended = jnp.asarray(np.where(over, Status.FINISHED, status), jnp.int32)
         return replace(self, state=replace(state, status=ended), watch=watch)
 
@@ -206,7 +192,7 @@ class Batch:
             self,
             scene=scene,
             state=state,
-            watch=self.watch.restarted(lane, start.quiet, start.reference, start.rates),
+            watch=self.watch.restarted(lane, start.memory),
             numbers=numbers,
             time_step=np.where(here, dt, self.time_step),
             total=np.where(here, total, self.total),

@@ -8,15 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxmpm.run._stopping import Look, Rule, check_volume, farthest_of
 from jaxmpm.support import check
-from jaxmpm.types import Scene, State
+from jaxmpm.types import Scene, State, Status
 
 START = np.array([0.0, 0.0, np.nan, 0.0, np.inf, 0.0, np.nan, 0.0])
 """Memory of the rule at the start of a run without plastic strain, see `Early.judged`."""
 
 
 @dataclass(frozen=True)
-class Early:
+class Early(Rule):
     """Rule by which the rate of plastic strain decides the class of a lane of softening soil.
 
     A block on a band that softens linearly moves at v = A exp(l t) + B exp(-l t), where l^2 is the loss of resistance
@@ -33,22 +34,60 @@ class Early:
     Args:
         horizon: time (s) by which a lane that speeds up has to pass the displacement that decides its class. Its
             displacement by then, at its mean speed so far, has to exceed that too before it is decided.
+        displacement: that decides the class (m).
         decay: rate of a lane that stands over that of the window before. A lane whose rate is below this share of its
             largest one is not decided.
         growth: rate of a lane that fails over the least one so far.
+        least_volume: as for `Exceeds`.
 
     Raises:
-        ValueError: If the horizon is not above 0, the decay not between 0 and 1, or the growth not above 1.
+        ValueError: If the horizon or the displacement is not above 0, the decay not between 0 and 1, or the growth not
+            above 1.
     """
 
     horizon: float
+    displacement: float
     decay: float = 0.2
     growth: float = 1.5
+    least_volume: float | None = None
 
     def __post_init__(self) -> None:
         check.positive("early's horizon", self.horizon, "s")
+        check.positive("early's displacement", self.displacement, "m")
         check.between("early's decay", self.decay, 0.0, 1.0)
         check.positive("early's growth - 1", self.growth - 1)
+        check_volume(self.least_volume)
+
+    def start(self) -> np.ndarray:
+        """Memory of a run without plastic strain, see `judged`."""
+        return START
+
+    def check(self, scene: Scene, state: State) -> None:
+        """Raise ValueError if the base moves, the soil does not soften, or it has strained plastically."""
+        if scene.loads.motion is not None:
+            raise ValueError(
+                "the rule Early holds where no motion of the base stops a slide or starts one: leave it out"
+            )
+        if np.shape(state.history) != np.shape(state.volume_ratio):
+            raise ValueError(
+                f"the rule Early needs plastic strain, and {type(scene.material).__name__} has none since it does not "
+                "soften: leave it out"
+            )
+        if np.any(np.asarray(state.history) > 0):
+            raise ValueError(
+                "the rule Early counts plastic strain from 0, and the state has some: start at rest, or leave it out"
+            )
+
+    def measure(self, scene: Scene, state: State) -> tuple[Array, Array, Array]:
+        """Mean plastic strain, half the period of the slowest oscillation (s), and displacement (m)."""
+        return *measures(scene, state), farthest_of(scene, state, self.least_volume)
+
+    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+        """SETTLED where a lane stands, DECIDED where it fails."""
+        strain, half_period, displacement = look.measured
+        memory, stands, speeds_up = self.judged(memory, look.elapsed, half_period, strain, displacement)
+        fails = speeds_up & (self.projected(displacement, look.time) > self.displacement)
+        return memory, np.where(stands, Status.SETTLED, np.where(fails, Status.DECIDED, Status.RUNNING))
 
     def projected(self, displacement: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Displacement (m) at the horizon of lanes that go on at their mean speed so far.
@@ -118,33 +157,3 @@ def elastic_period(scene: Scene) -> Array:
     particles, height = scene.particles, scene.particles.position[-1]
     slowest = jnp.sqrt(jnp.min(scene.material.shear * particles.volume / particles.mass))
     return 4 * (jnp.max(height) - jnp.min(height)) / slowest
-
-
-def check_early(early: Early | None, scene: Scene, state: State, stop_at: float | None) -> None:
-    """Check that a run has what the rule needs.
-
-    Args:
-        early: the rule, None for none.
-        scene: to run.
-        state: at the start.
-        stop_at: displacement that decides the class (m), None for none.
-
-    Raises:
-        ValueError: If no class is asked for, the base moves, the soil does not soften, or it has strained plastically.
-    """
-    if early is None:
-        return
-    if stop_at is None:
-        raise ValueError("settle has early, which decides a class, and stop_at is None: give stop_at, or early = None")
-    if scene.loads.motion is not None:
-        raise ValueError("settle has early, and the base moves, which can stop a slide or start one: give early = None")
-    if np.shape(state.history) != np.shape(state.volume_ratio):
-        raise ValueError(
-            f"settle has early, which needs plastic strain, and {type(scene.material).__name__} has none since it does "
-            "not soften: give early = None"
-        )
-    if np.any(np.asarray(state.history) > 0):
-        raise ValueError(
-            "settle has early, which counts plastic strain from 0, and the state has some: start at rest, or give "
-            "early = None"
-        )

@@ -13,8 +13,7 @@ from tqdm import tqdm
 
 from jaxmpm.run._advance import advance_lanes, running
 from jaxmpm.run._checks import check_state
-from jaxmpm.run._early import check_early
-from jaxmpm.run._stopping import Settle, Watch, check_run, steps_until
+from jaxmpm.run._stopping import Condition, Rule, Watch, check_duration, check_rules, steps_until
 from jaxmpm.setup import check_scene
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
@@ -84,9 +83,8 @@ def solve(
     *,
     t_end: float,
     snapshots: Sequence[float] | np.ndarray = (),
-    settle: Settle | None = None,
-    stop_at: float | None = None,
-    least_volume: float | None = None,
+    rules: Sequence[Rule | Condition] = (),
+    every: float = 0.25,
     axes: Scene | None = None,
     progress: bool = False,
 ) -> Result:
@@ -101,10 +99,10 @@ def solve(
         state: at the start.
         t_end: duration (s).
         snapshots: times (s) at which to store the state; a lane that has ended has its last one.
-        settle: end a lane once it has settled.
-        stop_at: end a lane once its largest displacement exceeds this (m).
-        least_volume: replaces a lane's largest displacement, here and in `settle`, by the one that this volume of soil
-            (m3, in a section m2) has exceeded, see `diagnostics.exceeded_displacement`. None counts every particle.
+        rules: that end a lane before t_end: `Settle()`, `Exceeds(1.0)`, `jaxmpm.run.Early`, a `jaxmpm.run.Rule` of your
+            own, or a function of one lane's scene and state that returns whether it ends; the first that holds gives
+            the status.
+        every: time between two looks at the rules (s).
         axes: leaves of `scene` that have lanes as leading axis (see `lanes`); every leaf of `state` then has.
         progress: show a bar with the simulated time.
 
@@ -122,14 +120,14 @@ def solve(
             "solve stops on the host, where jit, vmap and derivatives do not reach: take the steps of a run again with "
             "replay(scene, state, int(result.state.step))"
         )
-    check_run(t_end, settle, stop_at, least_volume)
+    check_duration(t_end, every)
     if np.ndim(scene.numerics.time_step):
         raise ValueError("time_step differs between lanes: give one number, the smallest of them")
     check.positive("time_step", scene.numerics.time_step, "s")
     if axes is None:
         check_scene(scene)
     check_state(scene, state, axes)
-    check_early(None if settle is None else settle.early, scene, state, stop_at)
+    watch = Watch.start(check_rules(rules, scene, state), np.shape(state.status))
     outside = [t for t in snapshots if not 0 <= t <= t_end]
     if outside:
         raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")
@@ -140,25 +138,22 @@ def solve(
     if total > np.iinfo(np.int32).max:
         raise ValueError(f"t_end = {t_end:g} s takes {total:,} steps of {dt:.3g} s, the limit is 2^31: give less")
     times = tuple(sorted(snapshots))
-    wanted = [steps_until(t, dt) for t in times]
-    rule = settle or Settle()
-    look_every = max(1, round(rule.every / dt))
-    looks = settle is not None or stop_at is not None
-    stops = sorted({*wanted, *(range(look_every, total, look_every) if looks or progress else ()), total})
+    at_snapshots = [steps_until(t, dt) for t in times]
+    look_every = max(1, round(every / dt))
+    stops = sorted({*at_snapshots, *(range(look_every, total, look_every) if watch.rules or progress else ()), total})
 
     stored: dict[int, State] = {}
-    watch = Watch.start(np.shape(state.status))
     state = running(jax.tree.map(jnp.copy, state))
     done = 0
     with tqdm(total=round(t_end, 6), unit="s", disable=not progress, bar_format=_BAR) as bar:
         for stop in stops:
             state = advance_lanes(scene, state, jnp.asarray(stop - done), axes)
             bar.update(min((stop - done) * dt, t_end - bar.n))
-            if looks:
-                watch, ended = watch.look(scene, state, axes, (stop - done) * dt, settle, stop_at, least_volume)
+            if watch.rules:
+                watch, ended = watch.look(scene, state, axes, (stop - done) * dt)
                 state = replace(state, status=jnp.asarray(ended))
             done = stop
-            if stop in wanted:
+            if stop in at_snapshots:
                 stored[stop] = jax.device_get(state)
             if not np.any(np.asarray(state.status) == Status.RUNNING):
                 break
@@ -168,7 +163,7 @@ def solve(
         state=replace(state, status=final),
         time_step=scene.numerics.time_step,
         times=times,
-        snapshots=tuple(stored.get(n, last) for n in wanted),
+        snapshots=tuple(stored.get(n, last) for n in at_snapshots),
     )
 
 

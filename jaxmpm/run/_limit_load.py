@@ -17,7 +17,7 @@ from jaxmpm import diagnostics
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.run._early import elastic_period
 from jaxmpm.run._integrate import solve
-from jaxmpm.run._stopping import farthest
+from jaxmpm.run._stopping import Exceeds, farthest
 from jaxmpm.setup import wave_speed
 from jaxmpm.soil import moduli
 from jaxmpm.types import Scene, State, Status
@@ -215,7 +215,7 @@ def moved(scene: Scene, state: State, axes: Scene, scale: Scale) -> Moved:
     Raises:
         FloatingPointError: If a lane breaks off that did not slide.
     """
-    result = solve(scene, state, t_end=scale.duration, axes=axes, stop_at=scale.far, least_volume=scale.volume)
+    result = solve(scene, state, t_end=scale.duration, axes=axes, rules=[Exceeds(scale.far, scale.volume)])
     displacement = np.asarray(farthest(scene, result.state, axes, scale.volume))
     off = result.broke_off & (result.status != Status.BAD_PARAMETER) & (displacement > scale.moves)
     statuses = np.where(off, int(Status.DECIDED), result.status).astype(np.int32)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from itertools import count, islice, zip_longest
 from typing import Any
 
@@ -12,9 +11,8 @@ from jax import Array
 
 from jaxmpm.run._batch import Batch, Chunk, Midway, Sample
 from jaxmpm.run._checks import check_state
-from jaxmpm.run._early import check_early
 from jaxmpm.run._integrate import Result
-from jaxmpm.run._stopping import Settle, check_run
+from jaxmpm.run._stopping import Condition, Rule, SlidesEnd, check_duration, check_rules
 from jaxmpm.setup import check_names, check_scene, check_start, vary
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State
@@ -28,10 +26,9 @@ def solve_each(
     width: int,
     t_end: float,
     numbers: Iterable[int] | None = None,
-    settle: Settle | None = None,
-    stop_at: float | None = None,
-    slides_end: tuple[float, float] | None = None,
-    least_volume: float | None = None,
+    rules: Sequence[Rule | Condition] = (),
+    slides_end: SlidesEnd | None = None,
+    every: float = 0.25,
     on_chunk: Callable[[Chunk], None] | None = None,
     observe: Callable[[int, float, Midway], None] | None = None,
     resume: Callable[[int], Midway | None] | None = None,
@@ -53,14 +50,13 @@ def solve_each(
         width: number of lanes.
         t_end: as for `solve`, reached to a few steps.
         numbers: of the samples, drawn with them; by default 0, 1, 2, ...
-        settle: as for `solve`.
-        stop_at: as for `solve`.
-        slides_end: displacement (m) and time (s): a sample that has moved farther than that at t_end goes on to that
-            time, to within a chunk. Its motion before t_end, and all other samples, do not change.
-        least_volume: as for `solve`.
+        rules: as for `solve`.
+        slides_end: when a sample ends that slides at t_end; None for then. Its motion before t_end, and all other
+            samples, do not change.
+        every: time between two looks at the rules (s).
         on_chunk: called after every chunk.
         observe: called with (number, seconds simulated, midway) of every sample after every chunk, about each
-            `settle.every`.
+            `every`.
         resume: function of a sample's number that returns what `observe` got in an earlier run, or None; the sample
             goes on from there, bit for bit.
 
@@ -72,23 +68,25 @@ def solve_each(
             run is invalid, or a number in `scene` itself is beyond its limit.
     """
     check.whole("width", width)
-    check_run(t_end, settle, stop_at, least_volume)
-    _check_slides_end(t_end, slides_end)
+    check_duration(t_end, every)
+    if slides_end is not None and not t_end <= slides_end.time:
+        raise ValueError(
+            f"slides_end = {slides_end.time:g} s lies before t_end = {t_end:g} s: give a time from then on"
+        )
     check_state(scene, state, None)
-    check_early(None if settle is None else settle.early, scene, state, stop_at)
+    checked = check_rules(rules, scene, state)
     check_scene(scene)
     if not isinstance(varied, Mapping) or not varied:
         raise ValueError("varied is empty: give the parameters that samples differ in, as in {'strength': strengths}")
     check_names(scene, varied)
     check_start(state, varied)
-    every = (settle or Settle()).every
     samples = (Sample(number, *vary(scene, state, values), resume) for number, values in _drawn(varied, numbers))
     first = list(islice(samples, width))
     if not first:
         return
-    batch = Batch.of(scene, first, t_end=t_end, every=every)
+    batch = Batch.of(scene, first, checked, t_end=t_end, every=every)
     while batch.busy:
-        batch = batch.advanced(settle, stop_at, slides_end, least_volume)
+        batch = batch.advanced(slides_end)
         if on_chunk is not None:
             on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
         if observe is not None:
@@ -122,13 +120,3 @@ def _drawn(
                 f"sample {position} has values of shapes {now}, the first {shapes}: give all samples the same"
             )
         yield (position if numbers is None else sample.pop("numbers")), sample
-
-
-def _check_slides_end(t_end: float, slides_end: tuple[float, float] | None) -> None:
-    """Raise ValueError for slides that end before other runs, or at an invalid displacement."""
-    if slides_end is None:
-        return
-    beyond, time = slides_end
-    check.positive("slides_end's displacement", beyond, "m")
-    if not t_end <= time < math.inf:
-        raise ValueError(f"slides_end = {time:g} s lies before t_end = {t_end:g} s: give a finite time from then on")

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -12,95 +15,240 @@ from jax import Array
 
 from jaxmpm import diagnostics
 from jaxmpm.run._advance import over_lanes
-from jaxmpm.run._early import START, Early, measures
 from jaxmpm.support import check
+from jaxmpm.support.text import shown
 from jaxmpm.types import Scene, State, Status
 
 
 @dataclass(frozen=True)
-class Settle:
+class Look:
+    """Numbers of all lanes after a chunk of steps, () each without lanes.
+
+    Args:
+        measured: result of the rule's `measure`, with the lanes first.
+        elapsed: time since the look before (s).
+        time: since the start of the run (s).
+        shaken: whether the motion of the base goes on.
+    """
+
+    measured: Any
+    elapsed: float | np.ndarray
+    time: np.ndarray
+    shaken: np.ndarray
+
+
+@runtime_checkable
+class Rule(Protocol):
+    """Rule that ends lanes between chunks of steps: a frozen dataclass of numbers.
+
+    `measure` is compiled, `judge` is NumPy. `solve` and `solve_each` also take a function of the scene and state of one
+    lane that returns whether the lane ends. A class that derives from this one has no memory and needs nothing, unless
+    it says so.
+    """
+
+    def start(self) -> np.ndarray:
+        """Memory of a lane that starts (m,)."""
+        return np.zeros(0)
+
+    def check(self, scene: Scene, state: State) -> None:
+        """Raise ValueError for a run that lacks what the rule needs."""
+        return
+
+    def measure(self, scene: Scene, state: State) -> Any:
+        """Arrays () of one lane that the rule needs, as a pytree; traced."""
+
+    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+        """Memory afterwards (m, ...), and `Status` of each lane: RUNNING, or how the lane ends."""
+
+
+Condition = Callable[[Scene, State], Array]
+"""Whether one lane ends, () bool: a rule without memory. The lane is DECIDED."""
+
+
+@dataclass(frozen=True)
+class Ends(Rule):
+    """Rule that ends a lane, as DECIDED, once a function of its scene and state says so.
+
+    Args:
+        condition: of one lane; traced.
+    """
+
+    condition: Condition
+
+    def measure(self, scene: Scene, state: State) -> Array:
+        """Whether the lane ends."""
+        return self.condition(scene, state)
+
+    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+        """DECIDED where the condition holds."""
+        return memory, np.where(look.measured, Status.DECIDED, Status.RUNNING)
+
+
+@dataclass(frozen=True)
+class Exceeds(Rule):
+    """Rule that ends a lane, as DECIDED, once its largest displacement exceeds a limit.
+
+    Args:
+        displacement: limit (m).
+        least_volume: replaces the largest displacement by the one that this volume of soil (m3, in a section m2) has
+            exceeded, see `diagnostics.exceeded_displacement`. None counts every particle.
+
+    Raises:
+        ValueError: If a number is not above 0.
+    """
+
+    displacement: float
+    least_volume: float | None = None
+
+    def __post_init__(self) -> None:
+        check.positive("exceeds' displacement", self.displacement, "m")
+        check_volume(self.least_volume)
+
+    def measure(self, scene: Scene, state: State) -> Array:
+        """Displacement (m)."""
+        return farthest_of(scene, state, self.least_volume)
+
+    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+        """DECIDED beyond the limit."""
+        return memory, np.where(look.measured > self.displacement, Status.DECIDED, Status.RUNNING)
+
+
+@dataclass(frozen=True)
+class Settle(Rule):
     """Rule by which a lane has settled: for `hold` seconds it is slow and its largest displacement does not change.
 
     The seconds count from the end of a motion of the base.
 
     The unbalanced force is not part of the rule: an undamped slope oscillates elastically without end, with 5 to 15 %
-    of its weight unbalanced, while it stands. Any number below 0, an `every` of 0 or a value that is not finite raises
-    ValueError.
+    of its weight unbalanced, while it stands.
 
     Args:
         speed: largest root mean square of the particle speed (m/s).
         drift: largest change of the displacement (m).
         hold: duration (s).
-        every: time between two looks (s).
         slides: largest displacement (m) from which a lane is a slide. A slide settles by another rule: for `hold`
             seconds the mean displacement of the soil beyond `slides`, plus what other soil moved, does not change, at
             any particle speed. That rule detects a second mass that moves, and ignores single grains. None for no
             slides: their speed then prevents them from settling.
-        early: rule by which the class of a run that ends at a displacement is known earlier; None for none.
+        least_volume: as for `Exceeds`.
+
+    Raises:
+        ValueError: If a number is below 0 or not finite.
     """
 
     speed: float = 0.05
     drift: float = 2e-3
     hold: float = 1.0
-    every: float = 0.25
     slides: float | None = None
-    early: Early | None = None
+    least_volume: float | None = None
 
     def __post_init__(self) -> None:
         for name, unit in (("speed", "m/s"), ("drift", "m"), ("hold", "s")):
             check.not_negative(f"settle's {name}", getattr(self, name), unit)
-        check.positive("settle's every", self.every, "s")
         if self.slides is not None:
             check.positive("settle's slides", self.slides, "m")
+        check_volume(self.least_volume)
+
+    def start(self) -> np.ndarray:
+        """Seconds without motion, and the displacement (m) from which motion is counted."""
+        return np.zeros(2)
+
+    def measure(self, scene: Scene, state: State) -> tuple[Array, Array, Array | None]:
+        """Speed (m/s), displacement and, with `slides`, mean displacement of the slide (m)."""
+        slid = None if self.slides is None else diagnostics.slide_displacement(scene, state, self.slides)
+        return diagnostics.speed(scene, state), farthest_of(scene, state, self.least_volume), slid
+
+    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+        """SETTLED after `hold` seconds without motion."""
+        (quiet, reference), (speed, displacement, slid) = memory, look.measured
+        fast, moved = speed > self.speed, displacement
+        if self.slides is not None:
+            fast, moved = fast & (displacement <= self.slides), np.where(displacement > self.slides, slid, displacement)
+        moves = np.abs(moved - reference) > self.drift
+        restless = moves | fast | look.shaken
+        quiet = np.where(restless, 0.0, quiet + look.elapsed)
+        settles = ~restless & (quiet >= self.hold)
+        memory = np.stack([quiet, np.where(moves, moved, reference)])
+        return memory, np.where(settles, Status.SETTLED, Status.RUNNING)
 
 
-@partial(jax.jit, static_argnames=("axes", "slides", "volume", "early"))
-def _look(
-    scene: Scene, state: State, axes: Scene | None, slides: float | None, volume: float | None, early: bool = False
-) -> tuple[Array, Array, Array | None, tuple[Array, Array] | None]:
-    """Speed and largest displacement of each lane, or the displacement that a volume exceeds.
+@dataclass(frozen=True)
+class SlidesEnd:
+    """Longer duration of samples that slide.
 
-    With `slides` also the mean displacement of each slide; with `early` what that rule sees.
+    Args:
+        displacement: beyond which a sample at t_end goes on (m).
+        time: up to which it goes on, to within a chunk (s).
+        least_volume: as for `Exceeds`.
+
+    Raises:
+        ValueError: If a number is not above 0.
     """
 
-    def seen(scene: Scene, state: State) -> tuple[Array, Array, Array | None, tuple[Array, Array] | None]:
-        slid = None if slides is None else diagnostics.slide_displacement(scene, state, slides)
-        speed, displacement = diagnostics.speed(scene, state), _farthest(scene, state, volume)
-        return speed, displacement, slid, measures(scene, state) if early else None
+    displacement: float
+    time: float
+    least_volume: float | None = None
 
-    return over_lanes(seen, axes)(scene, state)
+    def __post_init__(self) -> None:
+        check.positive("slides_end's displacement", self.displacement, "m")
+        check.positive("slides_end's time", self.time, "s")
+        check_volume(self.least_volume)
+
+
+@partial(jax.jit, static_argnames=("axes", "rules"))
+def measured(scene: Scene, state: State, axes: Scene | None, rules: tuple[Rule, ...]) -> tuple[Any, ...]:
+    """Measurements of each rule, with the lanes first."""
+    return over_lanes(lambda scene, state: tuple(rule.measure(scene, state) for rule in rules), axes)(scene, state)
 
 
 @partial(jax.jit, static_argnames=("axes", "volume"))
 def farthest(scene: Scene, state: State, axes: Scene | None, volume: float | None) -> Array:
     """Largest displacement of each lane (m), or the one that a volume of soil has exceeded."""
-    return over_lanes(partial(_farthest, volume=volume), axes)(scene, state)
+    return over_lanes(partial(farthest_of, volume=volume), axes)(scene, state)
 
 
-def _farthest(scene: Scene, state: State, volume: float | None) -> Array:
+def farthest_of(scene: Scene, state: State, volume: float | None) -> Array:
+    """Largest displacement of one lane (m), or the one that a volume of soil has exceeded."""
     if volume is None:
         return diagnostics.largest_displacement(state)
     return diagnostics.exceeded_displacement(scene, state, volume)
 
 
-def check_run(t_end: float, settle: Settle | None, stop_at: float | None, least_volume: float | None = None) -> None:
-    """Raise ValueError for an invalid end of a run."""
-    if np.ndim(t_end):
-        raise ValueError(f"t_end has shape {np.shape(t_end)}: give one number of seconds, the same for all lanes")
-    check.positive("t_end", t_end, "s")
-    if settle is not None and not isinstance(settle, Settle):
-        raise ValueError(f"settle = {settle!r}: give Settle(...), or None")
-    if stop_at is not None:
-        check.positive("stop_at", stop_at, "m")
+def check_volume(least_volume: float | None) -> None:
+    """Raise ValueError for a least volume that is not above 0."""
     if least_volume is not None:
         check.positive("least_volume", least_volume)
 
 
-def _still_shaken(scene: Scene, state: State) -> np.ndarray:
+def check_duration(t_end: float, every: float = 1.0) -> None:
+    """Raise ValueError for an invalid duration of a run (s), or time between two looks."""
+    if np.ndim(t_end):
+        raise ValueError(f"t_end has shape {np.shape(t_end)}: give one number of seconds, the same for all lanes")
+    check.positive("t_end", t_end, "s")
+    check.positive("every", every, "s")
+
+
+def check_rules(rules: Sequence[Rule | Condition], scene: Scene, state: State) -> tuple[Rule, ...]:
+    """The rules of a run, functions as `Ends`.
+
+    Raises ValueError for what is no rule, or where the run lacks what a rule needs.
+    """
+    if not isinstance(rules, Sequence) or not all(isinstance(rule, Rule) or callable(rule) for rule in rules):
+        raise ValueError(
+            f"rules = {shown(rules)}: give a list of rules, as in rules=[Settle(), Exceeds(1.0)], or of functions of "
+            "scene and state that say whether a lane ends"
+        )
+    checked = tuple(rule if isinstance(rule, Rule) else Ends(rule) for rule in rules)
+    for rule in checked:
+        rule.check(scene, state)
+    return checked
+
+
+def _still_shaken(scene: Scene, time: np.ndarray) -> np.ndarray:
     """Whether the motion of the base goes on in each lane, () or (B,): no slope has settled before its end."""
     if scene.loads.motion is None:
-        return np.zeros(np.shape(state.step), bool)
-    return np.asarray(state.step) * np.asarray(scene.numerics.time_step) < np.asarray(scene.loads.motion.duration)
+        return np.zeros(np.shape(time), bool)
+    return time < np.asarray(scene.loads.motion.duration)
 
 
 def steps_until(time: float, dt: float) -> int:
@@ -108,82 +256,78 @@ def steps_until(time: float, dt: float) -> int:
     return math.ceil(time / dt * (1 - 1e-6))
 
 
+def names_of(rules: Sequence[Rule]) -> list[str]:
+    """Names under which the memories of rules are stored: those of their classes, numbered from the second on."""
+    counts: Counter[str] = Counter()
+    names = []
+    for rule in rules:
+        name = type(rule).__name__
+        counts[name] += 1
+        names.append(name if counts[name] == 1 else f"{name} {counts[name]}")
+    return names
+
+
 @dataclass(frozen=True)
 class Watch:
-    """Memory of the stopping rule between looks, per lane.
+    """Rules of a run, and their memory between looks.
 
     Args:
-        quiet: (B,) or () seconds without motion.
-        reference: displacement (m) from which motion is counted, of the same shape.
-        rates: (8, B) or (8,), memory of the rule `Early`.
+        rules: in the order in which they are asked.
+        memory: of each rule, (m, B) or (m,).
     """
 
-    quiet: np.ndarray
-    reference: np.ndarray
-    rates: np.ndarray
+    rules: tuple[Rule, ...]
+    memory: tuple[np.ndarray, ...]
 
     @classmethod
-    def start(cls, shape: tuple[int, ...]) -> Watch:
-        """A watch without memory, for lanes of this shape."""
-        return cls(np.zeros(shape), np.zeros(shape), np.full((*shape, START.size), START).T)
+    def start(cls, rules: tuple[Rule, ...], shape: tuple[int, ...]) -> Watch:
+        """A watch of lanes of this shape that start."""
+        return cls(rules, tuple(np.full((*shape, rule.start().size), rule.start()).T for rule in rules))
 
-    def restarted(self, lane: int, quiet: float, reference: float, rates: np.ndarray) -> Watch:
-        """The watch with another sample in one lane, with its own memory."""
-        fresh = np.arange(self.quiet.size) == lane
-        own = np.where(fresh, quiet, self.quiet), np.where(fresh, reference, self.reference)
-        return Watch(*own, np.where(fresh, rates[:, None], self.rates))
+    def restarted(self, lane: int, memory: Mapping[str, np.ndarray]) -> Watch:
+        """The watch with another sample in one lane.
+
+        Args:
+            lane: of the sample.
+            memory: by rule, see `of_lane`; a rule that has none starts.
+        """
+        memories = []
+        for name, rule, lanes in zip(names_of(self.rules), self.rules, self.memory, strict=True):
+            of_sample = np.asarray(memory.get(name, rule.start()))
+            memories.append(np.where(np.arange(lanes.shape[1]) == lane, of_sample[:, None], lanes))
+        return replace(self, memory=tuple(memories))
 
     def of(self, lanes: np.ndarray) -> Watch:
         """The watch of some lanes."""
-        return Watch(self.quiet[lanes], self.reference[lanes], self.rates[:, lanes])
+        return replace(self, memory=tuple(memory[:, lanes] for memory in self.memory))
+
+    def of_lane(self, lane: int) -> dict[str, np.ndarray]:
+        """Memory of one lane by rule (m,)."""
+        names = names_of(self.rules)
+        return {name: memory[:, lane] for name, memory in zip(names, self.memory, strict=True) if memory.size}
 
     def look(
-        self,
-        scene: Scene,
-        state: State,
-        axes: Scene | None,
-        elapsed: float | np.ndarray,
-        settle: Settle | None,
-        stop_at: float | None,
-        least_volume: float | None,
+        self, scene: Scene, state: State, axes: Scene | None, elapsed: float | np.ndarray
     ) -> tuple[Watch, np.ndarray]:
-        """Apply the stopping rules after some time.
+        """Apply the rules after some time.
 
         Args:
             scene: of the run.
             state: now.
             axes: leaves of the scene that have lanes first, None without lanes.
             elapsed: time since the last look (s), () or (B,).
-            settle: rule by which lanes settle, None for none.
-            stop_at: displacement at which lanes are decided (m), None for none.
-            least_volume: as for `solve`.
 
         Returns:
-            The watch afterwards, and the status of each lane; settled and decided ones have ended.
+            The watch afterwards, and the status of each lane, by the first rule that ends it.
         """
-        slides, early = (None, None) if settle is None else (settle.slides, settle.early)
-        looked = jax.device_get(_look(scene, state, axes, slides, least_volume, early is not None))
-        speed, displacement, slid, plastic = looked
-        status, watch = np.asarray(state.status), self
-        if settle is not None:
-            shaken = _still_shaken(scene, state)
-            fast, seen = speed > settle.speed, displacement
-            if slides is not None:
-                fast, seen = fast & (displacement <= slides), np.where(displacement > slides, slid, displacement)
-            moves = np.abs(seen - self.reference) > settle.drift
-            restless = moves | fast | shaken
-            quiet = np.where(restless, 0.0, self.quiet + elapsed)
-            watch = Watch(quiet, np.where(moves, seen, self.reference), self.rates)
-            settles = (status == Status.RUNNING) & ~restless & (quiet >= settle.hold)
-            status = np.where(settles, Status.SETTLED, status)
-        if stop_at is not None:
-            status = np.where((status == Status.RUNNING) & (displacement > stop_at), Status.DECIDED, status)
-        if early is not None:
-            strain, half_period = plastic
-            rates, stands, speeds_up = early.judged(self.rates, elapsed, half_period, strain, displacement)
-            watch = replace(watch, rates=rates)
-            time = np.asarray(state.step) * np.asarray(scene.numerics.time_step)
-            fails = speeds_up & (early.projected(displacement, time) > stop_at)
-            class_ = np.where(stands, Status.SETTLED, np.where(fails, Status.DECIDED, Status.RUNNING))
-            status = np.where(status == Status.RUNNING, class_, status)
-        return watch, status.astype(np.int32)
+        status = np.asarray(state.status)
+        if not self.rules:
+            return self, status
+        time = np.asarray(state.step) * np.asarray(scene.numerics.time_step)
+        shaken, memories = _still_shaken(scene, time), []
+        values = jax.device_get(measured(scene, state, axes, self.rules))
+        for rule, memory, value in zip(self.rules, self.memory, values, strict=True):
+            memory, judged = rule.judge(memory, Look(value, elapsed, time, shaken))
+            memories.append(memory)
+            status = np.where(status == Status.RUNNING, judged, status)
+        return replace(self, memory=tuple(memories)), status.astype(np.int32)

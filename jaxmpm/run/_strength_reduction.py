@@ -18,7 +18,7 @@ from jaxmpm.run._advance import repeat
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._lanes import varied_lanes
 from jaxmpm.run._limit_load import YOUNG, Scale, find_kink, find_start, limit_load_scene, lowest_local, moved
-from jaxmpm.run._stopping import Settle, check_run, farthest
+from jaxmpm.run._stopping import Exceeds, Settle, check_duration, check_volume, farthest
 from jaxmpm.setup import WALL_STRENGTH, check_scene
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
@@ -109,7 +109,10 @@ def factor_of_safety(
     check.positive("resolution", resolution)
     check.positive("bracket", bracket)
     check.whole("batch", batch, least=2)
-    check_run(t_end, settle, None, least_volume)
+    if settle is not None and not isinstance(settle, Settle):
+        raise ValueError(f"settle = {shown(settle)}: give Settle(...), or None")
+    check_duration(t_end)
+    check_volume(least_volume)
     check_scene(scene)
     if scene.free_field is not None:
         raise ValueError(
@@ -163,9 +166,8 @@ def _by_displacement(
     """Largest displacement (m) at each factor, and whether the slope exceeds the limit."""
     varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
     lanes = repeat(state, len(factors))
-    result = solve(
-        varied, lanes, t_end=t_end, settle=settle, stop_at=limit, least_volume=volume, axes=axes
-    ).raise_if_failed()
+    rules = [replace(settle, least_volume=volume), Exceeds(limit, volume)]
+    result = solve(varied, lanes, t_end=t_end, rules=rules, axes=axes).raise_if_failed()
     return [(u, u > limit) for u in np.asarray(farthest(varied, result.state, axes, volume)).tolist()]
 
 

@@ -113,18 +113,22 @@ class Run(Part):
         """Time (s) at which a run of a grid ends at the latest."""
         return self.slides_t_end if grid == "refined" and self.slides_t_end is not None else self.t_end
 
-    def settling_early(self, stop_at: float | None, *, softens: bool, shaken: bool) -> Settle | None:
-        """When a run has settled, by `early` too where that holds; None for never.
+    @property
+    def settles(self) -> list[Settle]:
+        """The rule by which a lane settles, none where none does."""
+        return [] if self.settling is None else [self.settling]
+
+    def early_rule(self, stop_at: float | None, *, softens: bool, shaken: bool) -> Early | None:
+        """The rule by which the class of a run is known early, None where that does not hold.
 
         Args:
             stop_at: displacement (m) that decides the class, None where more than the class is asked for.
             softens: whether all soil does, linearly.
             shaken: whether the base moves.
         """
-        settle = self.settling
-        if settle is None or stop_at is None or self.early is False or self._never_early(softens, shaken):
-            return settle
-        return replace(settle, early=Early(self.t_end))
+        if stop_at is None or self.early is False or self._never_early(softens, shaken):
+            return None
+        return Early(self.t_end, stop_at)
 
     def check_early(self, *, softens: bool, shaken: bool) -> None:
         """Raise ValueError for `early` where its rule does not hold.

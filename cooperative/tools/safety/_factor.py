@@ -368,9 +368,8 @@ def _by_solver(result: Safety, model: GridModel, coefficients: np.ndarray | None
     assert answer.kink is not None
     # As stiff as the limit load's own runs: elastic displacement of soft soil would hide what slides.
     beyond = jaxmpm.reduced(jaxmpm.run.limit_load_scene(scene), answer.kink * (1 + BESIDE))
-    moving = jaxmpm.solve(
-        beyond, state, t_end=campaign.run.t_end, settle=jaxmpm.Settle(), stop_at=campaign.site.height / 4
-    )
+    rules = [jaxmpm.Settle(), jaxmpm.Exceeds(campaign.site.height / 4)]
+    moving = jaxmpm.solve(beyond, state, t_end=campaign.run.t_end, rules=rules)
     remarks = [*doubts(answer, f"{failing_volume(campaign):g} {result.unit}"), *_held(model, beyond, moving.state)]
     result = replace(result, solver=answer, failing=(beyond, moving.state), doubts=tuple(remarks))
     return replace(result, reasons=tuple(_reasons(result, model)))

@@ -46,7 +46,7 @@ def test_the_two_factors_of_the_slope_of_median_soil_agree(done):
     campaign, limit_load = parse(PLASTIC), done[1].probability.limit_load
     scene, state = runs.build(campaign, "refined", runs.random_soil(campaign)).median
     for share, fails in ((0.98, False), (1.02, True)):
-        result = mpm.solve(mpm.reduced(scene, share * limit_load.factor), state, t_end=4.0, settle=mpm.Settle())
+        result = mpm.solve(mpm.reduced(scene, share * limit_load.factor), state, t_end=4.0, rules=[mpm.Settle()])
         displacement = mpm.diagnostics.exceeded_displacement(scene, result.state, limit_load.volume)
         assert (float(displacement) > limit_load.displacement) == fails
 

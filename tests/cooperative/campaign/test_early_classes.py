@@ -9,6 +9,7 @@ from benchmarks.robustness.invented import TINY
 from cooperative import runs
 from cooperative.scene import parse
 from jaxmpm import Status
+from jaxmpm.run import Early
 
 LIMIT = 1.0
 LONG = TINY.replace("t_end = 4.0", "t_end = 10.0")
@@ -59,6 +60,6 @@ def test_where_more_than_the_class_is_asked_for_nothing_ends_early(model):
 def test_a_rule_that_does_not_hold_is_refused_where_it_is_asked_for(change, message):
     text = LONG.replace(*change)
     assert text != LONG
-    assert getattr(parse(text).settles(LIMIT), "early", None) is None
+    assert not any(isinstance(rule, Early) for rule in parse(text).rules(LIMIT))
     with pytest.raises(ValueError, match=message):
         parse(text.replace("[run]\n", "[run]\nearly = true\n"))

@@ -75,17 +75,20 @@ def test_a_run_ends_once_so_much_soil_has_passed_the_limit(slope):
     scene, state = slope
     grains = np.zeros(scene.particles.mass.size)
     grains[np.argsort(-np.asarray(scene.particles.position[-1]))[:2]] = LIMIT * 1.5
-    choices = {"t_end": 0.5, "stop_at": LIMIT}
-    assert mpm.solve(scene, displaced(state, grains), **choices).status == mpm.Status.DECIDED
-    assert mpm.solve(scene, displaced(state, grains), **choices, least_volume=LEAST).status == mpm.Status.FINISHED
+
+    def status(rule):
+        return mpm.solve(scene, displaced(state, grains), t_end=0.5, rules=[rule]).status
+
+    assert status(mpm.Exceeds(LIMIT)) == mpm.Status.DECIDED
+    assert status(mpm.Exceeds(LIMIT, least_volume=LEAST)) == mpm.Status.FINISHED
     with pytest.raises(ValueError, match="least_volume = -1: give a finite value above 0"):
-        mpm.solve(scene, state, **choices, least_volume=-1.0)
+        mpm.Exceeds(LIMIT, least_volume=-1.0)
 
 
 def test_lanes_and_samples_are_judged_by_it_apart(slope):
     scene, state = slope
     weak, strong = 8e3, 40e3
-    choices = {"t_end": 2.0, "settle": mpm.Settle(), "stop_at": LIMIT, "least_volume": LEAST}
+    choices = {"t_end": 2.0, "rules": [mpm.Settle(least_volume=LEAST), mpm.Exceeds(LIMIT, LEAST)]}
     varied, axes = mpm.run.lanes(scene, strength=jnp.asarray([weak, strong]))
     together = mpm.solve(varied, mpm.run.repeat(state, 2), axes=axes, **choices)
     assert together.status.tolist() == [mpm.Status.DECIDED, mpm.Status.SETTLED]
@@ -100,7 +103,7 @@ def test_without_it_no_run_sorts_its_soil(slope):
     scene, state = slope
 
     def text(volume):
-        return _stopping._look.lower(scene, state, None, 1.0, volume).as_text()
+        return _stopping.measured.lower(scene, state, None, (mpm.Settle(slides=1.0, least_volume=volume),)).as_text()
 
     assert "sort" not in text(None)
     assert "sort" in text(LEAST)

@@ -108,10 +108,10 @@ def test_no_run_settles_before_its_record_ends(tmp_path):
     model = model_of(shaken(tmp_path, quiet), at_rest=True)
     scene, state = model.median
     for shaking, most in ((scene, 4.0), (replace(scene, loads=replace(scene.loads, motion=None)), 2.0)):
-        end = mpm.solve(shaking, state, t_end=4.0, settle=mpm.Settle()).state
+        end = mpm.solve(shaking, state, t_end=4.0, rules=[mpm.Settle()]).state
         assert most - 1.0 < int(end.step) * float(scene.numerics.time_step) < most + 0.1
     varied = {"strength": [model.strength()]}
-    ((_, result),) = mpm.solve_each(scene, state, varied, width=1, t_end=4.0, settle=mpm.Settle())
+    ((_, result),) = mpm.solve_each(scene, state, varied, width=1, t_end=4.0, rules=[mpm.Settle()])
     assert int(result.state.step) * float(result.time_step) > 3.5
 
 

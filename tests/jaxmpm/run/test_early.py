@@ -8,14 +8,15 @@ import pytest
 import jaxmpm as mpm
 from jaxmpm.run import Early
 from jaxmpm.run._early import START
-from jaxmpm.run._stopping import _look
+from jaxmpm.run._stopping import measured
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
 CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
-EARLY, WINDOW, STOP = Early(horizon=20.0), 0.25, 1.0
-SETTLE = mpm.Settle(slides=0.5, every=0.1)
-WITH = replace(SETTLE, early=Early(horizon=10.0))
+WINDOW, STOP = 0.25, 1.0
+EARLY = Early(horizon=20.0, displacement=STOP)
+RULES = [mpm.Settle(slides=0.5), mpm.Exceeds(0.5)]
+WITH = [*RULES, Early(horizon=10.0, displacement=0.5)]
 
 
 def judged(displacement, strain=None, until=30.0):
@@ -96,11 +97,11 @@ def test_slopes_get_the_same_class_sooner_in_any_company():
     scene, state = mpm.slope(SHAPE, CLAY, NUMERICS)
     strengths = {"strength": [4e3, 6e3, 7e3, 9e3, 3e4]}
 
-    def outcome(settle, width):
-        runs = mpm.solve_each(scene, state, strengths, width=width, t_end=10.0, settle=settle, stop_at=0.5)
+    def outcome(rules, width):
+        runs = mpm.solve_each(scene, state, strengths, width=width, t_end=10.0, rules=rules, every=0.1)
         return dict(sorted(runs))
 
-    plain, one, three = outcome(SETTLE, 1), outcome(WITH, 1), outcome(WITH, 3)
+    plain, one, three = outcome(RULES, 1), outcome(WITH, 1), outcome(WITH, 3)
     assert {int(result.status) for result in plain.values()} == {mpm.Status.SETTLED, mpm.Status.DECIDED}
     for number, result in one.items():
         assert int(result.status) == int(plain[number].status)
@@ -112,7 +113,7 @@ def test_slopes_get_the_same_class_sooner_in_any_company():
 
 def test_a_run_goes_on_with_the_memory_of_its_rule():
     scene, state = mpm.slope(SHAPE, CLAY, NUMERICS)
-    seen, choices = [], {"width": 1, "t_end": 10.0, "settle": WITH, "stop_at": 0.5}
+    seen, choices = [], {"width": 1, "t_end": 10.0, "rules": WITH, "every": 0.1}
     ((_, whole),) = mpm.solve_each(
         scene, state, {"strength": [6e3]}, observe=lambda *each: seen.append(each[-1]), **choices
     )
@@ -123,18 +124,16 @@ def test_a_run_goes_on_with_the_memory_of_its_rule():
 
 def test_the_rule_is_absent_from_the_compiled_look_where_it_is_off():
     scene, state = mpm.slope(SHAPE, CLAY, NUMERICS)
-    off, on = (_look.lower(scene, state, None, 0.5, None, early).compile().as_text() for early in (False, True))
+    off, on = (measured.lower(scene, state, None, tuple(rules)).compile().as_text() for rules in (RULES, WITH))
     # Plastic strain, shear modulus and volume are no arguments of the program without.
     assert off.count("parameter(") < on.count("parameter(")
-    assert _look(scene, state, None, 0.5, None, False)[-1] is None
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"stop_at": None}, "settle has early, which decides a class, and stop_at is None: give stop_at"),
-        ({"soil": {"softening_modulus": None}}, "settle has early, which needs plastic strain, and J2 has none"),
-        ({"strained": 0.1}, "settle has early, which counts plastic strain from 0, and the state has some"),
+        ({"soil": {"softening_modulus": None}}, "the rule Early needs plastic strain, and J2 has none"),
+        ({"strained": 0.1}, "the rule Early counts plastic strain from 0, and the state has some"),
     ],
 )
 def test_runs_that_lack_what_the_rule_needs_are_refused(change, message):
@@ -142,13 +141,18 @@ def test_runs_that_lack_what_the_rule_needs_are_refused(change, message):
     if "strained" in change:
         state = replace(state, history=state.history + change["strained"])
     with pytest.raises(ValueError, match=message):
-        mpm.solve(scene, state, t_end=1.0, settle=WITH, stop_at=change.get("stop_at", 0.5))
+        mpm.solve(scene, state, t_end=1.0, rules=WITH)
 
 
 @pytest.mark.parametrize(
     ("numbers", "message"),
-    [({"horizon": 0.0}, "early's horizon"), ({"decay": 1.0}, "early's decay"), ({"growth": 1.0}, "early's growth - 1")],
+    [
+        ({"horizon": 0.0}, "early's horizon"),
+        ({"displacement": 0.0}, "early's displacement"),
+        ({"decay": 1.0}, "early's decay"),
+        ({"growth": 1.0}, "early's growth - 1"),
+    ],
 )
 def test_numbers_out_of_range_are_refused(numbers, message):
     with pytest.raises(ValueError, match=message):
-        Early(**{"horizon": 20.0, **numbers})
+        Early(**{"horizon": 20.0, "displacement": 1.0, **numbers})

@@ -91,7 +91,7 @@ def test_settled_slope_stays_within_a_millimetre_for_twenty_seconds(precise):
 def test_settled_lanes_end_early_and_sliding_ones_do_not():
     scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
     varied, axes = mpm.run.lanes(scene, strength=42e3 / jnp.asarray([0.7, 1.5]))
-    result = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=6.0, settle=mpm.Settle(), axes=axes)
+    result = mpm.solve(varied, mpm.run.repeat(state, 2), t_end=6.0, rules=[mpm.Settle()], axes=axes)
     assert list(result.status) == [mpm.Status.SETTLED, mpm.Status.FINISHED]
     assert int(result.state.step[0]) < int(result.state.step[1])
 
@@ -219,7 +219,7 @@ def test_a_slide_ends_when_its_deposit_rests_though_it_rings():
     varied, axes = mpm.run.lanes(scene, strength=42e3 / jnp.asarray([1.3, 1.5]))
     result = {
         slides: mpm.solve(
-            varied, mpm.run.repeat(state, 2), t_end=20.0, settle=mpm.Settle(slides=slides), axes=axes
+            varied, mpm.run.repeat(state, 2), t_end=20.0, rules=[mpm.Settle(slides=slides)], axes=axes
         ).raise_if_failed()
         for slides in (None, 1.0)
     }

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
+from jaxmpm.run._stopping import Watch
 
 SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
 NUMERICS = mpm.Discretisation(1.0, (0.5,))
@@ -40,20 +41,51 @@ def test_only_lanes_that_broke_off_stay_as_they_are(fallen, status):
     displacement = np.abs(np.asarray(result.state.displacement)).max(axis=(1, 2))
     assert displacement[0] == displacement[2] > displacement[1] == 0
     # What ends a run ends the next one too, at its first look.
-    settle = mpm.Settle(speed=10.0, drift=10.0, hold=0.0, every=0.02)
-    settled = mpm.solve(scene, result_of(scene, state, settle).state, t_end=0.1, settle=settle)
+    settle = mpm.Settle(speed=10.0, drift=10.0, hold=0.0)
+    settled = mpm.solve(scene, result_of(scene, state, settle).state, t_end=0.1, rules=[settle], every=0.02)
     assert settled.status == mpm.Status.SETTLED
 
 
 def test_soil_that_falls_has_not_settled_whatever_the_hold(fallen):
     scene, state = fallen
-    settle = mpm.Settle(hold=0.0, every=0.02)
-    assert mpm.solve(scene, state, t_end=0.1, settle=settle).status == mpm.Status.FINISHED
+    settle = mpm.Settle(hold=0.0)
+    assert mpm.solve(scene, state, t_end=0.1, rules=[settle], every=0.02).status == mpm.Status.FINISHED
+
+
+def test_a_rule_may_be_a_function_of_scene_and_state(fallen):
+    scene, state = fallen
+
+    def fell(scene, state):
+        return jnp.max(-state.velocity[-1]) > 0.5
+
+    rules = [mpm.Exceeds(100.0), fell]
+    alone = mpm.solve(scene, state, t_end=1.0, rules=rules, every=0.01)
+    assert alone.status == mpm.Status.DECIDED
+    assert 0.5 < float(jnp.max(-alone.state.velocity[-1])) < 0.75
+    # One lane ends and the other does not, also where each sample is a lane.
+    varied, axes = mpm.run.lanes(scene, strength=jnp.asarray([9e3, 9e3]))
+    states = mpm.run.repeat(state, 2)
+    states = replace(states, velocity=states.velocity.at[0].add(jnp.asarray([[0.0], [-0.6]])[-scene.grid.dimension :]))
+    both = mpm.solve(varied, states, t_end=0.02, rules=rules, every=0.01, axes=axes)
+    assert both.status.tolist() == [mpm.Status.DECIDED, mpm.Status.FINISHED]
+    ((_, sample),) = mpm.solve_each(scene, state, {"strength": [9e3]}, width=1, t_end=1.0, rules=rules, every=0.01)
+    assert int(sample.status) == mpm.Status.DECIDED
+
+
+def test_the_first_rule_that_ends_a_lane_gives_its_status_and_rules_of_a_class_have_their_own_memory(fallen):
+    scene, state = fallen
+    at_once, never = mpm.Settle(speed=10.0, drift=10.0, hold=0.0), mpm.Settle(speed=10.0, drift=10.0, hold=9.0)
+    for rules, status in (([never, at_once], "SETTLED"), ([mpm.Exceeds(1e-12), at_once], "DECIDED")):
+        result = mpm.solve(scene, state, t_end=0.1, rules=rules, every=0.02)
+        assert mpm.Status(int(result.status)).name == status
+    watch = Watch.start((never, at_once, never), (2,)).restarted(1, {"Settle": np.ones(2), "Settle 3": np.full(2, 3.0)})
+    assert [memory[:, 1].tolist() for memory in watch.memory] == [[1.0, 1.0], [0.0, 0.0], [3.0, 3.0]]
+    assert watch.of_lane(0).keys() == {"Settle", "Settle 2", "Settle 3"}
 
 
 def result_of(scene, state, settle):
     """A run that settles."""
-    result = mpm.solve(scene, state, t_end=0.1, settle=settle)
+    result = mpm.solve(scene, state, t_end=0.1, rules=[settle], every=0.02)
     assert result.status == mpm.Status.SETTLED
     return result
 
