@@ -129,7 +129,7 @@ def _add_run_options(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     command.add_argument(
         "--verify", action="store_true",
-        help="read the files of all finished samples anew, unchanged ones too, and solve for the stress at rest",
+        help="compare the fields of all finished samples with their checksums, and solve for the stress at rest",
     )  # fmt: skip
 
 

@@ -70,8 +70,7 @@ def run(
             same one.
         on_phase: called as "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends
             there.
-        verify: read and verify every sample's file anew, those too that have not changed since they were verified, and
-            solve for the stress at rest anew.
+        verify: read every file of fields and compare it with its checksum, and solve for the stress at rest anew.
 
     Returns:
         The summary.

@@ -12,6 +12,7 @@
 # %%
 import contextlib
 import os
+import sqlite3
 import sys
 import tempfile
 import warnings
@@ -214,17 +215,18 @@ charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, la
 # %% [markdown]
 # ## Stop it at any time
 #
-# All that is known is in the folder. Run the same scene again and it goes on from there: here nothing is left to do.
-# A damaged file is named, set aside, and its sample is run again.
+# All that is known is in the folder, in a database that anyone may ask. Run the same scene again and it goes on from
+# there: here nothing is left to do. A row that was changed is named, set aside, and its sample is run again.
 
 # %%
-victim = next((folder / "samples" / "rough").glob("*.h5"))
-victim.write_bytes(victim.read_bytes()[:1000])
-with warnings.catch_warnings(action="ignore"):  # that names the file, with its path
+with contextlib.closing(sqlite3.connect(folder / "campaign.db")) as database, database:
+    print(database.execute("select grid, count(*) from run group by grid").fetchall())
+    database.execute("update run set displacement = 0 where grid = 'rough' and sample = 0")
+with warnings.catch_warnings(action="ignore"):  # that names the database, with its path
     again = run(scene, folder)
 same = again.probability.value == summary.probability.value
 print("the same answer after the damage:", same)
-print("set aside:", [path.name for path in folder.glob("samples/*/*.damaged")])
+print("set aside:", [path.name for path in folder.glob("*.damaged")])
 
 # %% [markdown]
 # ## What to remember

@@ -241,7 +241,7 @@ def run(quick: bool) -> Report:
             except Stopped as why:
                 print(why, file=sys.stderr)
                 stopped = True
-            if (base / name / "samples").is_dir():
+            if (base / name / "campaign.db").exists():
                 failures = slides(name, base / name)
                 rows += compared(name, KNOWN[name], failures)
                 more, named = profile(name, KNOWN[name], failures)
