@@ -60,7 +60,8 @@ def test_scene_in_the_readme_is_the_demos():
 
 
 # Those of pages that notebooks and other tests cover run with the slow tests.
-SELDOM = ("docs/gradients.md", "docs/random-fields.md", "docs/walks.md")
+SELDOM = ("docs/gradients.md", "docs/own-loop.md", "docs/random-fields.md", "docs/walks.md")
+OPTIONAL = ("equinox",)
 CAMPAIGN = "docs/campaign-db.md"
 """Asks a campaign that has run, which `test_page_of_the_database.py` has."""
 EACH = [pytest.param(p, b, id=f"{p}-{n}", marks=pytest.mark.slow if p in SELDOM else ())
@@ -69,5 +70,8 @@ EACH = [pytest.param(p, b, id=f"{p}-{n}", marks=pytest.mark.slow if p in SELDOM 
 
 @pytest.mark.parametrize(("path", "block"), EACH)
 def test_python_block_runs(path, block, capsys):
+    for package in OPTIONAL:
+        if f"import {package}" in block:
+            pytest.importorskip(package)
     exec(compile(block, path, "exec"), {})
     assert capsys.readouterr().out.strip()
