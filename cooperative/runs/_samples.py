@@ -222,14 +222,15 @@ def finished(
     """
     scene, campaign = model.scene, model.campaign
     displacement = np.asarray(result.state.displacement)
-    history = result.state.history
+    # Of a law with more history than plastic shear strain, the part that is named so.
+    strain = getattr(result.state.history, "strain", result.state.history)
     fields: dict[str, np.ndarray] = {}
     decided = model.grid == "refined" and int(result.status) == Status.DECIDED
     level = model.water_level(coefficients)
     if model.grid in campaign.plan.fields and not decided:
         fields["displacement"] = displacement.astype(np.float32)
-        if history is not None:
-            fields["plastic_strain"] = np.asarray(history, np.float32)
+        if np.shape(strain) == displacement.shape[1:]:
+            fields["plastic_strain"] = np.asarray(strain, np.float32)
     row: dict[str, Scalar]
     volume, least = np.asarray(scene.particles.volume), campaign.failing_volume
     limit = campaign.run.failure_displacement

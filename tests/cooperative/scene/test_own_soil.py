@@ -112,3 +112,27 @@ def test_what_is_no_parameter_of_the_soil_cannot_vary():
     refused = "random holds viscosity, which is no parameter of Tresca: give some of .*, residual_ratio, strain_95"
     with pytest.raises(ValueError, match=refused):
         model_of(random={"viscosity": VARIES["strength"]})
+
+
+OF_THE_PACKAGE = {
+    "ocr": (mpm.CamClaySoil(0.1, 0.02, 1.0, ocr=4.0), 4.0, False),
+    "active_strength": (mpm.AnisotropicSoil(40e3, 32e3, 24e3), 40e3, True),
+    "static_friction": (mpm.GranularSoil(40.0, 50.0, 1e-2), 40.0, False),
+}
+
+
+@pytest.mark.parametrize("name", OF_THE_PACKAGE)
+def test_numbers_of_each_law_of_the_package_vary_in_a_campaign(name):
+    soil, mean, strained = OF_THE_PACKAGE[name]
+    campaign = replace(
+        parse(TINY.replace("t_end = 4.0", "t_end = 0.2")), soil=soil,
+        random={name: RandomField(mean, 0.05, (10.0, 3.0), kl.Lognormal, kl.Exponential, 0.95)},
+    )  # fmt: skip
+    model = runs.build(campaign, "rough", runs.random_soil(campaign))
+    xi = np.random.default_rng(2).standard_normal((1, model.soil.modes)).astype(np.float32)
+    own = model.parameters(xi[0])[name]
+    assert np.std(np.asarray(own)) > 0.01 * mean
+    (sample,) = runs.run_samples(model, xi, [0])
+    assert not sample.row["broke_off"]
+    assert 0 <= sample.row["displacement"] < 1.0
+    assert ("plastic_strain" in sample.fields) == strained
