@@ -2,6 +2,7 @@
 
 import math
 import re
+from contextlib import nullcontext
 
 import pytest
 
@@ -173,7 +174,8 @@ def test_no_workers_are_refused_before_the_folder_is_made(workers, tmp_path, cap
     for command in ("run", "sweep"):
         text = TINY if command == "run" else TINY + "[sweep]\nlx = [10.0]\n"
         scene.write_text(text)
-        with pytest.warns(UserWarning, match="a slide may reach the end of the ground"):
+        short = pytest.warns(UserWarning, match="a slide may reach the end of the ground")
+        with short if command == "run" else nullcontext():
             assert main([command, str(scene), "--out", str(tmp_path / "out"), "--workers", str(workers)]) == 2
         assert capsys.readouterr().err == f"error: workers = {workers}: give 1 or more\n"
         assert not (tmp_path / "out").exists()

@@ -212,11 +212,11 @@ samples = 10
 def test_slices_need_neither_a_grid_nor_anything_random(tmp_path, capsys):
     scene = tmp_path / "certain.toml"
     scene.write_text(CERTAIN)
-    with pytest.warns(UserWarning, match="layer 'seam', 0.2 m thick, is weak and thin for the cells of"):
-        assert main(["fos", str(scene), "--quick"]) == 0
+    assert main(["fos", str(scene), "--quick"]) == 0
     assert "Spencer's method, a surface of another shape" in capsys.readouterr().out
     assert json.loads((tmp_path / "certain-fos" / "fos.json").read_text())["limit_equilibrium"]["method"] == "spencer"
-    assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
+    with pytest.warns(UserWarning, match="layer 'seam', 0.2 m thick, is weak and thin for the cells of"):
+        assert main(["run", str(scene), "--out", str(tmp_path / "out")]) == 2
     assert "nothing in the scene is random" in capsys.readouterr().err
 
 
