@@ -233,9 +233,11 @@ def section_panels_beside(
     Args:
         position: of the section (2, N) m.
         rows: panels of the section.
-        beside: panels to their right.
+        beside: panels to their right, 0 for none.
         width: of these (inch).
     """
+    if beside == 0:
+        return *section_panels(position, rows), []
     length, height = np.ptp(position, axis=1)
     figure = Figure(figsize=(8.0 + width, rows * (6.8 * height / length + 0.8)), layout="constrained")
     left, right = figure.add_gridspec(1, 2, width_ratios=(8.0, width))

@@ -72,6 +72,8 @@ def stations(x: np.ndarray, surface: np.ndarray) -> dict[str, int]:
 def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
     """Strength at the stations of a section of a grid, over samples that its random soil draws.
 
+    A law of the user's own may have none.
+
     Args:
         model: the grid.
         plane: which of its particles are of the section (N,).
@@ -135,4 +137,5 @@ def draw_profiles(axes: Sequence[Axes], shown: Sequence[Profile]) -> None:
         ax.set_title("mean, 5 to 95 %" if random else "mean", loc="left")
         ax.set(xlabel=drawn.label, ylabel="depth [m]", ylim=(max(each.depth.max() for each in shown), 0.0))
         ax.set_xlim(left=0.0)
-    axes[0].legend(fontsize="x-small", frameon=False)
+    for ax in axes[:1]:
+        ax.legend(fontsize="x-small", frameon=False)

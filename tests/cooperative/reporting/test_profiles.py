@@ -86,3 +86,11 @@ def test_each_parameter_has_a_panel_whose_axes_carry_units():
     assert [text.get_text() for text in beside[0].get_legend().get_texts()] == [
         "toe, x = 43.25 m", "mid slope, x = 36.75 m", "crest, x = 30.25 m"
     ]  # fmt: skip
+
+
+def test_a_law_without_strength_has_no_panel():
+    toe = of(LEVEL)["toe"]
+    bare = profiles.Profile("toe", toe.x, toe.elevation, toe.depth, {}, {})
+    figure, axes, beside = section_panels_beside(np.array([[0.0, 100.0], [0.0, 17.0]]), 3, len(bare.mean))
+    profiles.draw_profiles(beside, [bare])
+    assert (len(figure.axes), len(axes), beside) == (3, 3, [])
