@@ -109,7 +109,7 @@ def animate(
     figure.colorbar(boxes, ax=axes, label=label)
 
     def show(frame: int) -> list[PolyCollection]:
-        boxes.set_verts(corners[frame])
+        boxes.set_verts(list(corners[frame]))
         boxes.set_array(fields[frame])
         axes.set_title(titles[frame])
         return [boxes]

@@ -163,6 +163,8 @@ class GranularSoil:
                 f"dynamic_friction = {self.dynamic_friction:g} degrees, below the static_friction of "
                 f"{self.static_friction:g} degrees: give at least that"
             )
-        angles = math.radians(self.static_friction), math.radians(self.dynamic_friction)
-        numbers = *moduli(self.young, self.poisson), *angles, self.inertial_number, self.grain_size, self.grain_density
-        return MuI(*(jnp.asarray(value, dtype) for value in numbers), self.gap_memory)
+        number = partial(jnp.asarray, dtype=dtype)
+        bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
+        static, dynamic = (number(math.radians(angle)) for angle in (self.static_friction, self.dynamic_friction))
+        of_grains = number(self.inertial_number), number(self.grain_size), number(self.grain_density)
+        return MuI(bulk, shear, static, dynamic, *of_grains, self.gap_memory)

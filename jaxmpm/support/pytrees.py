@@ -94,7 +94,7 @@ def _text(value: Any, depth: int) -> str:
         inner = (f"{f.name}={_text(getattr(value, f.name), depth - 1)}" for f in fields)
         return f"{type(value).__name__}({', '.join(inner)})"
     if isinstance(value, jax.Array | np.ndarray | jax.ShapeDtypeStruct):
-        if np.ndim(value) == 0 and not isinstance(value, jax.core.Tracer | jax.ShapeDtypeStruct):
+        if value.shape == () and not isinstance(value, jax.core.Tracer | jax.ShapeDtypeStruct):
             return f"{np.asarray(value).item():.6g}" if value.dtype.kind in "fiu" else str(value)
         kind = value.dtype.name.replace("float", "f").replace("int", "i")
         return f"{kind}[{','.join(map(str, value.shape))}]"
@@ -129,7 +129,7 @@ def equal(value: object, other: object) -> bool:
     if other.__class__ is not value.__class__:
         return NotImplemented
     (mine, own), (theirs, its) = jax.tree.flatten(value), jax.tree.flatten(other)
-    return own == its and all(map(_same, mine, theirs))
+    return own == its and all(map(_same, mine, theirs))  # type: ignore[operator]
 
 
 def _same(one: Any, other: Any) -> bool:
