@@ -240,10 +240,10 @@ def section_panels_beside(
         return *section_panels(position, rows), []
     length, height = np.ptp(position, axis=1)
     figure = Figure(figsize=(8.0 + width, rows * (6.8 * height / length + 0.8)), layout="constrained")
-    left, right = figure.add_gridspec(1, 2, width_ratios=(8.0, width))
+    both = figure.add_gridspec(1, 2, width_ratios=(8.0, width))
     columns = [
         [figure.add_subplot(spec) for spec in cell.subgridspec(count, 1)]
-        for cell, count in ((left, rows), (right, beside))
+        for cell, count in ((both[0], rows), (both[1], beside))
     ]
     for ax in (*columns[0], *columns[1]):
         ax.spines[["top", "right"]].set_visible(False)

@@ -135,7 +135,7 @@ class Files:
 
         remedy = "give points [[x, y], ...]"
         features: list[Feature] = self._content(name, list, read, remedy)
-        if not (features and all(isinstance(each, dict) for each in features)):
+        if not (features and all(map(_is_feature, features))):
             raise _not_read(name, remedy)
         return features
 
@@ -197,6 +197,15 @@ def _of_backslash(name: str) -> str:
     if "\\" not in name and name.isprintable():
         return ""
     return "; its name has a backslash, or a special character that one gave: write folders of a path with / in between"
+
+
+def _is_feature(given: object) -> bool:
+    """Whether this is a feature: a scene from somebody else may hold anything in its place."""
+    try:
+        name, points, holes = (given[key] for key in Feature.__annotations__)  # type: ignore[index]
+        return isinstance(name, str) and isinstance(holes, int) and np.asarray(points, float).shape[1:] == (2,)
+    except (KeyError, TypeError, ValueError):
+        return False
 
 
 def _not_read(name: str, remedy: str) -> Invalid:

@@ -105,6 +105,19 @@ def test_holes_of_a_polygon_are_kept(package, holes):
     assert got[shared > 0.01].all()
 
 
+@pytest.mark.parametrize("change", [{"name": 3}, {"points": None}, {"points": [[0.0], [1.0]]}, {"points": [["x", 2]]},
+                                    {"points": [[0, 0], [1]]}, {"holes": None}, {"holes": ...}])  # fmt: skip
+def test_features_that_are_none_are_refused(change):
+    whole = {"name": "a", "points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]], "holes": 0}
+    assert Files({"site.gpkg#risk": [whole]}).features("site.gpkg#risk") == [whole]
+    given = [{key: value for key, value in (whole | change).items() if value is not ...}]
+    with pytest.raises(ValueError, match=r"site.gpkg#risk.*give points \[\[x, y\], \.\.\.\]"):
+        Files({"site.gpkg#risk": given}).features("site.gpkg#risk")
+    for none in ([], [3], None):
+        with pytest.raises(ValueError, match=r"site.gpkg#risk.*give points"):
+            Files({"site.gpkg#risk": none}).features("site.gpkg#risk")
+
+
 def test_the_part_of_a_terrain_has_no_holes(package):
     write(package, {"risk": [("yard", HOUSE.difference(HOUSE.buffer(-3)))]})
     features, _ = read_features(package, None)
