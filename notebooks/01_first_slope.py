@@ -46,7 +46,7 @@ style()
 
 # %%
 shape = mpm.Slope()
-soil = mpm.Soil(strength=42e3, softening_modulus=85e3)
+soil = mpm.Soil(strength=42e3, softening_modulus=85e3, tension_cutoff=0.0)
 scene, state = mpm.slope(shape, soil, mpm.Discretisation(cell=cell, spacing=(cell / 2, cell / 2)))
 half_size = (cell / 4, cell / 4)
 dt = float(scene.numerics.time_step)

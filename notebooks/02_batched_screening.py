@@ -40,7 +40,7 @@ style()
 
 # %%
 shape = mpm.Slope()
-soil = mpm.Soil(strength=42e3, softening_modulus=85e3)
+soil = mpm.Soil(strength=42e3, softening_modulus=85e3, tension_cutoff=0.0)
 scene, state = mpm.slope(shape, soil, mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0)))
 position, half_size = np.asarray(scene.particles.position), (0.5, 0.5)
 

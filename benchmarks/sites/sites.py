@@ -37,7 +37,7 @@ AS_CASES = {"acads_1c": "ACADS 1c", "acads_3a": "ACADS 3a"}
 FACTORS = {"acads_1c": 1.35, "acads_3a": 1.26, "griffiths_lane_3": 1.40}
 """Known factors of safety: the first two by strength reduction, the third read off a figure, good to a tenth."""
 
-CLAY = Soil(strength=42e3, softening_modulus=85e3)
+CLAY = Soil(strength=42e3, softening_modulus=85e3, tension_cutoff=0.0)
 PLANE = (40.0, -0.32, 0.09)
 """Height (m) at the origin of the tilted plane, and its slopes along x and y."""
 

@@ -40,8 +40,8 @@ HALF_WIDTH, SIDES = 85.0, 60.0
 """Half the width of the slip surface, and how far it has risen there (m)."""
 
 STRENGTH = 50e3
-CLAY = Soil(strength=STRENGTH, young=5e7)
-ROCK = Soil(strength=1e8, young=5e7, unusual=True)
+CLAY = Soil(strength=STRENGTH, young=5e7, tension_cutoff=0.0)
+ROCK = Soil(strength=1e8, young=5e7, tension_cutoff=0.0, unusual=True)
 T_END = 40.0
 
 

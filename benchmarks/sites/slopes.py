@@ -134,7 +134,7 @@ def _submerged() -> list[Case]:
 def _published() -> list[Case]:
     shape = Section([(0, 16), (30, 16), (54, 4), (96, 4)])
     source = "Jiang et al. (2024), 10.1016/j.compgeo.2024.106413, without softening; slip circles"
-    return [Case("Published section", 1.142, source, shape, Soil(strength=42e3), (2.0, 1.0))]
+    return [Case("Published section", 1.142, source, shape, Soil(strength=42e3, tension_cutoff=0.0), (2.0, 1.0))]
 
 
 def _verification() -> list[Case]:
@@ -146,13 +146,13 @@ def _verification() -> list[Case]:
     low = "Low (1989), 10.1061/(ASCE)0733-9410(1989)115:2(211), as verification problem of Slide and xslope"
     end, fill = 60.0, FrictionalSoil(95e3, 15.0, unit_weight=20e3)
     banks = Section(_mirrored([(0, 8), (20, 8), (36, 16), (60, 16)], end))
-    over = [Layer(fill, [(0, 8), (end, 8)]), Layer(Soil(20e3, strength=15e3), [(0, 4), (end, 4)])]
+    over = [Layer(fill, [(0, 8), (end, 8)]), Layer(Soil(20e3, strength=15e3, tension_cutoff=0.0), [(0, 4), (end, 4)])]
     growing = [*over, *_growing(20e3, 15e3, 3750.0, 4.0, 8, end)]
     hill = Section([(0, 14), (20, 14), (34, 9), (38, 8), (60, 8)])
     three = [
-        Layer(Soil(18e3, strength=30e3), [(0, 9), (34, 9), (38, 8), (60, 8)]),
-        Layer(Soil(18e3, strength=20e3), [(0, 5), (60, 5)]),
-        Layer(Soil(18e3, strength=150e3)),
+        Layer(Soil(18e3, strength=30e3, tension_cutoff=0.0), [(0, 9), (34, 9), (38, 8), (60, 8)]),
+        Layer(Soil(18e3, strength=20e3, tension_cutoff=0.0), [(0, 5), (60, 5)]),
+        Layer(Soil(18e3, strength=150e3, tension_cutoff=0.0)),
     ]
     plain = Section(_mirrored([(0, 5), (5, 5), (15, 10), (25, 10)], 25.0))
     greco = Section(_mirrored([(0, 40), (60, 40), (180, 100), (200, 100), (260, 70)], 260.0), toe=200.0, crest=80.0)
@@ -179,7 +179,7 @@ def _growing(unit_weight: float, strength: float, rate: float, top: float, count
     each = top / count
     return [
         Layer(
-            Soil(unit_weight, strength=strength + rate * each * (number + 0.5)),
+            Soil(unit_weight, strength=strength + rate * each * (number + 0.5), tension_cutoff=0.0),
             None if number == count - 1 else [(0, top - each * (number + 1)), (end, top - each * (number + 1))],
         )
         for number in range(count)

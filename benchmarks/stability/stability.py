@@ -173,7 +173,7 @@ def uneven_rows(quick: bool, seconds: float) -> Iterator[Row]:
 def long_runout_row() -> Row:
     """R = 5 with a run-out of more than 100 m, into a wall."""
     shape = mpm.Slope(crest=30, height=12, run_per_rise=2.0, toe=104, foundation=2)
-    soil = mpm.Soil(young=2e7, strength=42e3, softening_modulus=85e3)
+    soil = mpm.Soil(young=2e7, strength=42e3, softening_modulus=85e3, tension_cutoff=0.0)
     scene, state = mpm.slope(shape, soil, NUMERICS, speed=30.0)
     scene = mpm.reduced(scene, 5.0)
     row = energy_row("R = 5, run-out to a wall 104 m from the toe", scene, state, 30.0, CLOSED)

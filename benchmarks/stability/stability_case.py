@@ -18,7 +18,7 @@ Row = dict[str, Any]
 CLOSED = 0.02
 """Share of the work done to which the energy must close."""
 SLOPE = mpm.Slope(crest=10, height=6, run_per_rise=1.0, toe=14, foundation=2)
-CLAY = mpm.Soil(young=1e7, strength=20e3, softening_modulus=40e3)
+CLAY = mpm.Soil(young=1e7, strength=20e3, softening_modulus=40e3, tension_cutoff=0.0)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 
 

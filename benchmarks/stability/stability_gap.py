@@ -49,7 +49,7 @@ def slab(
         Scene and state.
     """
     contact = ground in ("interface", "bedrock")
-    clay = mpm.Soil(unit_weight=WEIGHT, young=2e7, poisson=0.49, strength=COHESION, **soil)
+    clay = mpm.Soil(unit_weight=WEIGHT, young=2e7, poisson=0.49, strength=COHESION, **({"tension_cutoff": 0.0} | soil))
     bed = 1.0 if ground == "clay" else 0.0
     numerics = mpm.Discretisation(1.0, (0.5,) * dimension, cell_average=True)
     interface = mpm.Interface(0.0, COHESION) if contact else None

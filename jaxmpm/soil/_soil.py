@@ -82,7 +82,7 @@ class Soil:
     strength: float | Array | None = None
     softening_modulus: float | None = None
     residual_ratio: float = 0.5
-    tension_cutoff: float | None = 0.0
+    tension_cutoff: float | None = None
     gap_memory: bool = True
     plastic_strain: PlasticStrain = PlasticStrain.ENGINEERING
     strain_95: float | None = None

@@ -12,7 +12,7 @@ from jaxmpm import diagnostics
 from jaxmpm.run import _stopping
 
 SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
-SOIL = mpm.Soil(young=5e6, strength=15e3)
+SOIL = mpm.Soil(young=5e6, strength=15e3, tension_cutoff=0.0)
 COARSE = mpm.Discretisation(1.0, (0.5, 0.5))
 LIMIT, LEAST = 0.3, 0.8
 

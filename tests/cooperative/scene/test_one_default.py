@@ -34,7 +34,6 @@ ON_PURPOSE = {
     **dict.fromkeys((("FrictionalSoil", key) for key in ("cohesion", "friction")), KIND),
     ("Published", "k_t"): KIND,
     ("Discretisation", "fbar"): "None is False, and tells a scene that states False and so wants no average at all",
-    ("Soil", "tension_cutoff"): "of the solver's own clay",
     ("Discretisation", "cfl"): "a campaign's is that of its run; an elastic block with free sides needs 0.5",
 }  # fmt: skip
 
@@ -118,7 +117,7 @@ def in_python(soil, name, ground, **more):
 
 
 def test_a_scene_of_required_keys_alone_is_the_campaign_of_required_arguments_alone():
-    clay = mpm.Soil(19e3, 2e7, 0.4, strength=30e3, tension_cutoff=None)
+    clay = mpm.Soil(19e3, 2e7, 0.4, strength=30e3)
     sand = mpm.FrictionalSoil(5e3, 30.0, unit_weight=19e3, young=2e7, poisson=0.4)
     drawn = mpm.Section(((0.0, 8.0), (12.0, 8.0), (18.0, 2.0), (32.0, 2.0)), toe=18.0, interface=mpm.Interface(20.0))
     for text, campaign in (

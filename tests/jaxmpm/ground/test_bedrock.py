@@ -95,7 +95,10 @@ def test_soil_on_a_tilted_plane_in_3d_goes_down_the_dip_at_the_rate_of_coulombs_
     assert displacement == pytest.approx(pull * rate * 0.18, rel=0.02)
 
 
-SURFACE, SOIL = [(0, 6), (6, 6), (10, 2), (18, 2)], mpm.Soil(strength=12e3, unit_weight=20e3, young=1e7)
+SURFACE, SOIL = (
+    [(0, 6), (6, 6), (10, 2), (18, 2)],
+    mpm.Soil(strength=12e3, unit_weight=20e3, young=1e7, tension_cutoff=0.0),
+)
 
 
 @pytest.mark.parametrize("interface", [None, mpm.Interface(10.0, 2e3)], ids=["stuck", "contact"])

@@ -59,13 +59,16 @@ def test_clay_is_held_by_all_of_its_strength_at_every_gap(ground, gap, choices):
 
 def sliding(soil, **choices):
     scene, state = mpm.section(
-        mpm.Section([(0, 4), (4, 4)]), soil, mpm.Discretisation(1.0, (0.5, 0.5), **choices), ends="tied"
+        mpm.Section([(0, 4), (4, 4)]),
+        soil,
+        mpm.Discretisation(1.0, (0.5, 0.5), **choices),
+        ends="tied",
     )
     up = scene.particles.position.at[1].add(0.4)
     return replace(scene, particles=replace(scene.particles, position=up)), state
 
 
-CLAY = mpm.Soil(unit_weight=20e3, young=2e7, poisson=0.49, strength=20e3)
+CLAY = mpm.Soil(unit_weight=20e3, young=2e7, poisson=0.49, strength=20e3, tension_cutoff=0.0)
 SAND = mpm.FrictionalSoil(0.0, 30.0, unit_weight=20e3, young=2e7)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxmpm as mpm
 
-CLAY = mpm.Soil(strength=40e3)
+CLAY = mpm.Soil(strength=40e3, tension_cutoff=0.0)
 SAND = mpm.FrictionalSoil(cohesion=1e3, friction=35.0)
 NUMERICS = mpm.Discretisation(2.0, (1.0, 1.0))
 LINE = [(0, 16), (30, 16), (54, 4), (96, 4)]

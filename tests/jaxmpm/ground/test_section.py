@@ -9,7 +9,7 @@ import pytest
 
 import jaxmpm as mpm
 
-CLAY = mpm.Soil(strength=42e3, softening_modulus=85e3)
+CLAY = mpm.Soil(strength=42e3, softening_modulus=85e3, tension_cutoff=0.0)
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
 FLAT = mpm.Section([(0, 6), (8, 6), (14, 3), (20, 3)])
 

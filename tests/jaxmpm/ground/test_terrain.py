@@ -16,7 +16,7 @@ from cooperative.scene import parse, read_scene, to_toml
 from cooperative.scene._files import packed
 from tests.scenes import model_of
 
-CLAY = mpm.Soil(strength=30e3, young=2e7)
+CLAY = mpm.Soil(strength=30e3, young=2e7, tension_cutoff=0.0)
 
 
 def raster(height, length=16.0, width=8.0, step=1.0):
@@ -68,7 +68,7 @@ def test_layers_follow_the_surface_or_a_raster():
     layers = [
         mpm.Layer(CLAY, depth=2.0),
         mpm.Layer(CLAY, rock),
-        mpm.Layer(mpm.Soil(strength=1e9, young=2e7, unusual=True)),
+        mpm.Layer(mpm.Soil(strength=1e9, young=2e7, tension_cutoff=0.0, unusual=True)),
     ]
     shape, numerics = mpm.Terrain(TILTED, 0.0), on_cells(1.0)
     scene, _ = mpm.terrain(shape, layers, numerics, at_rest=False)

@@ -145,7 +145,7 @@ def test_soil_with_friction_flows_at_its_strength_without_change_of_volume(law):
 
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
-CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
 
 
 @pytest.mark.usefixtures("x64")

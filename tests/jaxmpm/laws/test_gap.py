@@ -22,7 +22,7 @@ ANGLES = jnp.radians(30.0), jnp.radians(0.0)
 CONE = mpm.laws.DruckerPrager(BULK, SHEAR, jnp.asarray(1e4), *ANGLES, tension_cutoff=NONE)
 PYRAMID = mpm.laws.MohrCoulomb(BULK, SHEAR, jnp.asarray(1e4), *ANGLES, tension_cutoff=NONE)
 LAWS = {"clay": CLAY, "cone": CONE, "pyramid": PYRAMID}
-COLUMN = mpm.Soil(young=2e6, poisson=0.3, strength=1e4)
+COLUMN = mpm.Soil(young=2e6, poisson=0.3, strength=1e4, tension_cutoff=0.0)
 
 
 def at_rest(law, *, finite_strain=False, memory=True):
@@ -166,7 +166,7 @@ def test_a_grain_that_has_opened_is_not_thrown_by_its_own_volume():
     for memory in (True, False):
         scene, state = mpm.slope(
             mpm.Slope(crest=4.0, height=1.0, run_per_rise=1.0, toe=5.0, foundation=2.0),
-            mpm.Soil(young=5e6, strength=2e4, gap_memory=memory),
+            mpm.Soil(young=5e6, strength=2e4, gap_memory=memory, tension_cutoff=0.0),
             mpm.Discretisation(1.0, (0.5, 0.5), air=6.0),
         )
         x, z = scene.particles.position

@@ -12,8 +12,8 @@ import jaxmpm as mpm
 from jaxmpm.laws import declared
 
 SOILS = {
-    "linear": mpm.Soil(strength=20e3, softening_modulus=50e3, rate_coefficient=0.1, viscosity=2.0),
-    "exponential": mpm.Soil(strength=20e3, strain_95=0.5),
+    "linear": mpm.Soil(strength=20e3, softening_modulus=50e3, rate_coefficient=0.1, viscosity=2.0, tension_cutoff=0.0),
+    "exponential": mpm.Soil(strength=20e3, strain_95=0.5, tension_cutoff=0.0),
     "frictional": mpm.FrictionalSoil(10e3, 30.0, 10.0, residual_cohesion=2e3, residual_friction=20.0,
                                      softening_strain=0.1),
 }  # fmt: skip

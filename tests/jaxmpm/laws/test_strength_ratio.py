@@ -132,7 +132,7 @@ def test_the_solver_alone_gives_each_particle_its_strength():
     campaign = parse(CONSTANT.replace("WATER", "level = 10.0"))
     with pytest.raises(ValueError, match=r"strength_ratio = 0.25 is of the stress at rest, .*overburden\(scene\)"):
         campaign.soil.material(np.dtype("float32"), 1.0)
-    drawn, soil = mpm.Section([(0, 12), (24, 12)]), mpm.Soil(unit_weight=18e3, strength=6e3)
+    drawn, soil = mpm.Section([(0, 12), (24, 12)]), mpm.Soil(unit_weight=18e3, strength=6e3, tension_cutoff=0.0)
     scene, state = mpm.section(drawn, soil, campaign.rough, water=10.0)
     scene, _ = mpm.with_soil(scene, state, strength=np.maximum(0.25 * mpm.overburden(scene), 6e3))
     np.testing.assert_allclose(scene.material.strength, wet_model(CONSTANT).strength(), rtol=1e-6)
@@ -141,7 +141,10 @@ def test_the_solver_alone_gives_each_particle_its_strength():
 @pytest.mark.parametrize("top", [8.0, 8.1, 8.4, 8.9])
 def test_a_particle_that_the_surface_cuts_weighs_its_part_on_those_below(top):
     level = mpm.Raster(np.full((7, 5), top), (0.0, 0.0), 2.0)
-    soil, numerics = mpm.Soil(unit_weight=20e3, strength=40e3), mpm.Discretisation(2.0, (1.0, 1.0, 1.0))
+    soil, numerics = (
+        mpm.Soil(unit_weight=20e3, strength=40e3, tension_cutoff=0.0),
+        mpm.Discretisation(2.0, (1.0, 1.0, 1.0)),
+    )
     scene, _ = mpm.terrain(mpm.Terrain(level, 0.0), soil, numerics, at_rest=False)
     z, stress = np.asarray(scene.particles.position[2]), mpm.overburden(scene)
     np.testing.assert_allclose(stress[z < 7], 20e3 * (top - z[z < 7]), rtol=1e-5)

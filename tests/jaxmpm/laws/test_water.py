@@ -91,7 +91,7 @@ def test_a_pool_loads_the_face_so_that_a_slope_under_it_is_one_of_buoyant_soil()
     assert np.allclose(low.stress, buoyant.stress, rtol=2e-3, atol=100.0)
 
 
-CLAY = mpm.Soil(unit_weight=18e3, young=5e6, poisson=0.3, strength=9e3)
+CLAY = mpm.Soil(unit_weight=18e3, young=5e6, poisson=0.3, strength=9e3, tension_cutoff=0.0)
 
 
 def test_water_carries_no_more_of_soil_that_has_opened():
@@ -315,7 +315,7 @@ def test_earthquakes_push_towards_the_lower_end_and_up():
 
 REFUSED = {
     "undrained": (
-        {"soil": mpm.Soil(strength=2e4), "r_u": 0.2},
+        {"soil": mpm.Soil(strength=2e4, tension_cutoff=0.0), "r_u": 0.2},
         "r_u in J2, whose strength is undrained .* level or table",
     ),
     "r_u of 1": ({"r_u": 1.0}, "r_u = 1: give a value of 0 or more and below 1"),

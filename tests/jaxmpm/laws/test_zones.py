@@ -13,7 +13,7 @@ from jaxmpm.laws import declared, update_with_gap, with_parameters
 DRAWN = mpm.Section([(0, 6), (6, 6), (10, 2), (16, 2)])
 BELOW = [(0, 3), (8, 3), (9, 3)]
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
-CLAY = mpm.Soil(young=5e6, strength=12e3, softening_modulus=20e3, rate_coefficient=0.05)
+CLAY = mpm.Soil(young=5e6, strength=12e3, softening_modulus=20e3, rate_coefficient=0.05, tension_cutoff=0.0)
 FILL = mpm.FrictionalSoil(4e3, 30.0, 5.0, young=8e6, tension_cutoff=0.0)
 CONE = replace(FILL, criterion=mpm.laws.DruckerPrager)
 LOST = replace(CONE, residual_friction=20.0, softening_strain=0.1, tension_cutoff=None)
@@ -216,7 +216,7 @@ def test_clay_beside_fill_is_as_soil_with_friction_zero():
 
 def test_water_does_not_enter_the_strength_of_undrained_layers():
     sand = mpm.FrictionalSoil(2e3, 32.0, young=8e6)
-    clay = mpm.Soil(young=5e6, strength=15e3)
+    clay = mpm.Soil(young=5e6, strength=15e3, tension_cutoff=0.0)
     drawn = mpm.Section([(0, 6), (8, 6)])
     bottom = [(0, 3), (8, 3)]
     for loads, pressure in (({"water": 5.0}, lambda z: 9810 * np.maximum(5 - z, 0)), ({"r_u": 0.3}, None)):
@@ -287,7 +287,7 @@ def test_an_embankment_on_clay_fails_as_slip_circles_say():
     # Spencer's method by xslope (benchmarks.sites.limit_equilibrium), critical circle through fill and clay: 1.228.
     bank = mpm.Section([(0, 11), (12, 11), (22, 6), (40, 6)])
     fill = mpm.FrictionalSoil(2e3, 32.0, unit_weight=20e3, young=3e7)
-    clay = mpm.Soil(unit_weight=18e3, young=3e7, strength=22e3)
+    clay = mpm.Soil(unit_weight=18e3, young=3e7, strength=22e3, tension_cutoff=0.0)
     same = replace(fill, cohesion=22e3, friction=0.0, unit_weight=18e3)
     kinks = []
     for below in (clay, same):

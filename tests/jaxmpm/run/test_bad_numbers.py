@@ -14,7 +14,7 @@ from jaxmpm.support.check import Limit
 
 NAN, INF = float("nan"), float("inf")
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
-CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 BAD = mpm.Status.BAD_PARAMETER
 
@@ -267,7 +267,10 @@ def test_linear_hats_are_warned_of_where_they_cannot_work():
     [
         (mpm.FrictionalSoil(3e3, 0.35), "friction = 0.35 degrees, below 1.6 degrees: .* degrees meant"),
         (mpm.FrictionalSoil(3.0, 30.0), "cohesion = 3 Pa, below 100 Pa: were kPa meant"),
-        (mpm.Soil(unit_weight=18.0, strength=30.0), "strength = 30 Pa, .*; unit_weight = 18 N/m3, .* unusual=True"),
+        (
+            mpm.Soil(unit_weight=18.0, strength=30.0, tension_cutoff=0.0),
+            "strength = 30 Pa, .*; unit_weight = 18 N/m3, .* unusual=True",
+        ),
     ],
     ids=["radians", "cohesion", "both"],
 )
@@ -278,7 +281,7 @@ def test_numbers_that_betray_another_unit_are_warned_of_once(soil, message):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mpm.slope(SHAPE, replace(soil, unusual=True), NUMERICS, at_rest=False)
-        mpm.slope(SHAPE, mpm.Soil(strength=30e3), NUMERICS, at_rest=False)
+        mpm.slope(SHAPE, mpm.Soil(strength=30e3, tension_cutoff=0.0), NUMERICS, at_rest=False)
 
 
 def test_dilation_above_friction_is_refused_wherever_it_comes_from():

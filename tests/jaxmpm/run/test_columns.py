@@ -9,7 +9,7 @@ import pytest
 
 import jaxmpm as mpm
 
-SOIL = mpm.Soil(strength=11e3, young=5e6, softening_modulus=40e3, residual_ratio=0.7)
+SOIL = mpm.Soil(strength=11e3, young=5e6, softening_modulus=40e3, residual_ratio=0.7, tension_cutoff=0.0)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5), cfl=0.8)
 
 

@@ -11,7 +11,7 @@ from jaxmpm.run._early import START
 from jaxmpm.run._stopping import measured
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
-CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 WINDOW, STOP = 0.25, 1.0
 EARLY = Early(horizon=20.0, displacement=STOP)

@@ -228,7 +228,10 @@ REFUSED = {
     "nan": ({"motion": motion_of((2, 5), float("nan"))}, "interval = nan"),
     "array": ({"motion": np.ones((2, 5))}, "give a BaseMotion, or None"),
     "averages": (
-        {"soil": mpm.Soil(strength=1e4, softening_modulus=1e4), "numerics": replace(HALVES, internal_length=1.5)},
+        {
+            "soil": mpm.Soil(strength=1e4, softening_modulus=1e4, tension_cutoff=0.0),
+            "numerics": replace(HALVES, internal_length=1.5),
+        },
         "with tied sides, across which it does not average",
     ),
     "water": ({"soil": mpm.FrictionalSoil(1e3, 30.0), "water": [(0, 3), (1, 4)]}, "the water is at 3 m at one wall"),

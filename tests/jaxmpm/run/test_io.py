@@ -14,7 +14,7 @@ from jaxmpm.support.files import DamagedFile
 
 SLOPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=6.0, foundation=2.0)
 COARSE = {2: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0)), 3: mpm.Discretisation(cell=2.0, spacing=(1.0, 1.0, 1.0))}
-SOIL = mpm.Soil(strength=12e3, softening_modulus=85e3, residual_ratio=0.5)
+SOIL = mpm.Soil(strength=12e3, softening_modulus=85e3, residual_ratio=0.5, tension_cutoff=0.0)
 
 
 def scene_of(dimension=2):

@@ -12,7 +12,7 @@ from jaxmpm.run._batch import Batch, Sample
 from jaxmpm.setup import vary
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
-CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 VALUES = {"strength": [8e3, 4e3, 9e3, 5e3], "young": [5e6, 2e7, 2e6, 9e6], "unit_weight": [20e3, 18e3, 16e3, 22e3]}
 VALUES |= {"softening.modulus": [4e4, 1e4, 8e4, 2e4], "softening.residual_ratio": [0.5, 0.9, 0.4, 0.6]}

@@ -163,7 +163,9 @@ def test_a_lane_that_broke_off_leaves_the_derivatives_of_its_neighbours_as_they_
 def test_soil_that_leaves_the_grid_and_comes_back_has_broken_off():
     numerics = mpm.Discretisation(1.0, (0.5, 0.5))
     thrown = {"domain": (4.0, 6.0), "corner": (1.5, 4.0), "velocity": (0.0, 7.0), "speed": 40.0}
-    scene, state = mpm.block((1.0, 1.0), mpm.Soil(strength=1e4, young=1e6), numerics, gravity=(0.0, -9.81), **thrown)
+    scene, state = mpm.block(
+        (1.0, 1.0), mpm.Soil(strength=1e4, young=1e6, tension_cutoff=0.0), numerics, gravity=(0.0, -9.81), **thrown
+    )
     result = mpm.solve(scene, state, t_end=1.5)
     assert result.status == mpm.Status.OUTSIDE_GRID
     back = round(1.45 / float(scene.numerics.time_step))
@@ -180,7 +182,7 @@ def test_derivatives_of_soil_that_softens_steeply_and_does_not_yield_are_finite(
     soil = mpm.Soil(
         strength=25e3, young=2e7, residual_ratio=0.2, strain_95=3 * 25e3 * 0.8 / (steepest * shear), unusual=True,
         rate_coefficient=None if steepest == 0.5 else 0.1,
-    )  # fmt: skip
+        tension_cutoff=0.0)  # fmt: skip
     shape = mpm.Section([(0, 8), (8, 8), (16, 4), (24, 4)])
     scene, state = mpm.section(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
     _, by = mpm.sensitivity(scene, state, objectives.soft_largest_displacement, steps=60)

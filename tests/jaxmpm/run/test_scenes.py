@@ -14,7 +14,7 @@ import jaxmpm as mpm
 from jaxmpm import diagnostics
 from jaxmpm.setup._initial_stress import elastic_equilibrium
 
-PAPER_SOIL = mpm.Soil(strength=42e3, softening_modulus=85e3)
+PAPER_SOIL = mpm.Soil(strength=42e3, softening_modulus=85e3, tension_cutoff=0.0)
 SECTION = mpm.Discretisation(2.0, (1.0, 1.0))
 SMALL = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
 

@@ -10,7 +10,7 @@ import pytest
 import jaxmpm as mpm
 from jaxmpm.run._stopping import Watch
 
-SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
 NUMERICS = mpm.Discretisation(1.0, (0.5,))
 
 

@@ -13,7 +13,7 @@ from jaxmpm import equations
 from jaxmpm.tensors import safe_sqrt
 
 SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
-SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3)
+SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
 FORGETS = replace(SOIL, gap_memory=False)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 

@@ -22,7 +22,7 @@ from tests.differences import check_run
 SHAPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
 SAND = mpm.FrictionalSoil(cohesion=3e3, friction=25.0, young=2e7, criterion=mpm.laws.DruckerPrager)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
-CLAY = mpm.Soil(unit_weight=17e3, young=2e7, poisson=0.4, strength=18e3, softening_modulus=40e3)
+CLAY = mpm.Soil(unit_weight=17e3, young=2e7, poisson=0.4, strength=18e3, softening_modulus=40e3, tension_cutoff=0.0)
 FILL = mpm.FrictionalSoil(2e3, 33.0, young=3e7)
 BANK = mpm.Section([(0, 13), (14, 13), (24, 8), (48, 8)])
 UNDER_FILL = [mpm.Layer(FILL, [(0, 8), (24, 8)]), mpm.Layer(CLAY)]
@@ -115,10 +115,10 @@ def test_a_discretisation_has_it_by_default_for_soil_with_friction_only():
 
     assert averages(SAND)
     assert not averages(SAND, cell_average=False)
-    assert not averages(mpm.Soil(strength=2e4))
+    assert not averages(mpm.Soil(strength=2e4, tension_cutoff=0.0))
     assert not mpm.column(4.0, SAND, mpm.Discretisation(1.0, (0.5,)), at_rest=False)[0].numerics.cell_average
     with pytest.raises(ValueError, match="fbar = True with cell_average = True"):
-        mpm.slope(SHAPE, mpm.Soil(strength=2e4), replace(NUMERICS, fbar=True, cell_average=True))
+        mpm.slope(SHAPE, mpm.Soil(strength=2e4, tension_cutoff=0.0), replace(NUMERICS, fbar=True, cell_average=True))
 
 
 def test_a_slope_starts_in_balance():

@@ -80,7 +80,7 @@ def test_own_functions_add_up_to_one_and_give_back_the_position(kernel):
 def slid(kernel):
     """Two small slopes of weak clay after 0.5 s, on their way."""
     shape = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
-    soil = mpm.Soil(young=5e6, strength=6e3, softening_modulus=40e3)
+    soil = mpm.Soil(young=5e6, strength=6e3, softening_modulus=40e3, tension_cutoff=0.0)
     scene, state = mpm.slope(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5), kernel=kernel, fbar=True))
     scene, axes = mpm.run.lanes(scene, strength=jnp.array([6e3, 5e3]))
     return mpm.solve(scene, mpm.run.repeat(state, 2), t_end=0.5, axes=axes).raise_if_failed().state

@@ -12,7 +12,7 @@ import pytest
 import jaxmpm as mpm
 from jaxmpm import diagnostics
 
-ELASTIC = mpm.Soil(strength=1e6, unit_weight=9810.0, young=1e6, poisson=0.0)
+ELASTIC = mpm.Soil(strength=1e6, unit_weight=9810.0, young=1e6, poisson=0.0, tension_cutoff=0.0)
 RATE = 4.0
 
 

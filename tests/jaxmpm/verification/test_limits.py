@@ -66,7 +66,7 @@ def test_average_over_neighbours_keeps_a_constant_and_widens_a_spike_to_its_leng
     from jaxmpm.equations import Maps
 
     length, cell = 2.0, 0.5
-    soil = mpm.Soil(strength=1e4, softening_modulus=1e4)
+    soil = mpm.Soil(strength=1e4, softening_modulus=1e4, tension_cutoff=0.0)
     numerics = mpm.Discretisation(cell, (cell / 2,), internal_length=length)
     scene, _ = mpm.block((40.0,), soil, numerics, domain=(40.0,), corner=(0.0,))
     x = scene.particles.position
@@ -99,7 +99,7 @@ def test_the_next_step_adds_the_average_of_the_plastic_strain(scheme, x64):
 
 
 def test_softening_scaled_by_the_cell_takes_the_same_work_per_band():
-    soil = mpm.Soil(strength=4e4, softening_modulus=85e3, softening_length=1.0)
+    soil = mpm.Soil(strength=4e4, softening_modulus=85e3, softening_length=1.0, tension_cutoff=0.0)
     for cell, modulus in ((0.5, 42.5e3), (1.0, 85e3)):
         scene, _ = mpm.slope(CUT, soil, mpm.Discretisation(cell, (cell / 2,) * 2), at_rest=False)
         assert np.isclose(scene.material.softening.modulus, modulus)

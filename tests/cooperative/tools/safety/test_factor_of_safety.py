@@ -136,7 +136,9 @@ def test_a_wall_that_what_moves_reaches_is_named():
 
 def test_the_title_of_a_picture_has_room(monkeypatch, tmp_path):
     shape = mpm.Slope(crest=12.0, height=12.0, run_per_rise=2.0, toe=16.0, foundation=4.0)
-    failing = mpm.slope(shape, mpm.Soil(20e3, strength=25e3), mpm.Discretisation(4.0, (2.0, 2.0)), at_rest=False)
+    failing = mpm.slope(
+        shape, mpm.Soil(20e3, strength=25e3, tension_cutoff=0.0), mpm.Discretisation(4.0, (2.0, 2.0)), at_rest=False
+    )
     solver = FactorOfSafety(1.19, 1.20, ((1.19, 0.1),), 1.195, 12.0)
     result = safety.Safety("median soil", (), "rough grid", solver=solver, failing=failing)
     drawn = []
