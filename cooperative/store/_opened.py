@@ -35,7 +35,7 @@ from cooperative.store._database import (
     sum_of,
     write_value,
 )
-from cooperative.store._runs import FIELDS, fields_path, read_fields_file
+from cooperative.store._runs import FIELDS, STORED, fields_path, read_fields_file
 from cooperative.store._samples import Store, package_versions
 from cooperative.store._source import MOST_TEXT, SCRIPTS, Source, differences, source_from, table_of
 from jaxmpm.support import files
@@ -119,13 +119,14 @@ def _writable(folder: Path) -> Iterator[None]:
 
 def _claim_fields(store: Store, look: Callable[[], None] | None) -> None:
     """Have the folder of fields hold only files that rows name; with `look` also verify these."""
-    files.claimed_folder(store.folder / FIELDS)
+    folder = files.claimed_folder(store.folder / FIELDS)
     with store.reading() as database:
         rows = database.execute(
             "SELECT grid, sample, fields_sha256 FROM run WHERE fields_sha256 IS NOT NULL"
         ).fetchall()
     sums = {fields_path(store.folder, *row): row[2] for row in rows}
-    for path in (*(store.folder / FIELDS).glob("*-*-*.h5"), *(store.folder / FIELDS).glob(".*.part")):
+    made = [path for name in (*(f"{grid}-*.h5" for grid in STORED), ".*.part") for path in folder.glob(name)]
+    for path in made:
         if path not in sums:
             path.unlink()
     for path, sha256 in sums.items() if look is not None else ():

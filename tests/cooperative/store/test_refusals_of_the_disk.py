@@ -4,18 +4,22 @@ import errno
 import fcntl
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
+import tempfile
 import time
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 
 from cooperative.__main__ import main
+from cooperative.folder import read_results
 from cooperative.reporting._exports import export
-from cooperative.store import open_store
+from cooperative.store import _database, open_store, read_rows, read_store, write_sample
 from jaxmpm.support import files
-from tests.cooperative.store.test_store import SCENE
+from tests.cooperative.store.test_store import SCENE, sample
 
 
 @pytest.mark.parametrize("code", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
@@ -26,6 +30,81 @@ def test_a_file_system_without_locks_is_named_as_such(tmp_path, monkeypatch, cod
     monkeypatch.setattr(fcntl, "flock", refused)
     with pytest.raises(ValueError, match=r"has no locks \(.*\), by which one controller .*: give a folder on a local"):
         open_store(tmp_path / "out", SCENE)
+
+
+OF_LOCKS = r"no locks: put the folder on a local disk, and start the same command again"
+
+
+@pytest.mark.parametrize(
+    ("code", "number", "remedy"),
+    [
+        (sqlite3.SQLITE_FULL, errno.ENOSPC, "make room, and start the same command again"),
+        (sqlite3.SQLITE_IOERR_WRITE, errno.EIO, "check the disk"),
+        (sqlite3.SQLITE_IOERR_FSYNC, errno.EIO, "check the disk"),
+        *((code, errno.ENOLCK, OF_LOCKS) for code in _database.OF_LOCKS),
+        (sqlite3.SQLITE_READONLY_DIRECTORY, errno.EACCES, "have it and its folder writable, or copy"),
+        (sqlite3.SQLITE_CANTOPEN, errno.EACCES, "have it and its folder writable, or copy"),
+        (sqlite3.SQLITE_BUSY, errno.EBUSY, "end the other program that has it open, or"),
+    ],
+)
+def test_what_sqlite_refuses_has_an_errno_a_file_and_a_remedy(code, number, remedy, tmp_path):
+    error = sqlite3.OperationalError("as SQLite says it")
+    error.sqlite_errorcode = code
+    with (
+        pytest.raises(OSError, match=rf"cannot use .*a\.db \(as SQLite says it\): .*{remedy}") as refused,
+        _database.explained(tmp_path / "a.db"),
+    ):
+        raise error
+    assert refused.value.errno == number
+    assert refused.value.strerror.isprintable()
+
+
+def test_a_program_that_reads_for_long_is_named_and_nothing_is_lost(tmp_path, monkeypatch):
+    monkeypatch.setattr(_database, "PATIENCE", 0.05)
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", sample(0))
+        with closing(sqlite3.connect(tmp_path / "campaign.db", isolation_level=None)) as other:
+            other.execute("begin")
+            assert other.execute("select count(*) from run").fetchone() == (1,)
+            with pytest.raises(OSError, match=r"database is locked\): end the other program that has it open"):
+                write_sample(store, "rough", sample(1))
+        assert read_rows(store, "rough").numbers == [0]
+        write_sample(store, "rough", sample(1))
+        assert read_rows(read_store(tmp_path), "rough").numbers == [0, 1]
+
+
+@contextmanager
+def whoever():
+    """As a user who is not root, whom a folder that is read-only would not stop."""
+    if os.geteuid():
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def test_a_folder_that_is_read_only_is_read_and_stays_as_it_is(tiny_campaign, capsys):
+    with tempfile.TemporaryDirectory() as outer:
+        folder = shutil.copytree(tiny_campaign[0], Path(outer) / "out")
+        inside = [Path(outer), folder, *folder.rglob("*")]
+        for path in inside:
+            path.chmod(0o555 if path.is_dir() else 0o444)
+        before = {path: path.stat().st_mtime_ns for path in inside}
+        with whoever():
+            assert read_results(folder).summary == tiny_campaign[1]
+            assert main(["status", str(folder)]) == 0
+            assert main(["export", str(folder), "--as", "table"]) == 2
+            assert main(["resume", str(folder), "--workers", "1"]) == 2
+        assert {path: path.stat().st_mtime_ns for path in (Path(outer), folder, *folder.rglob("*"))} == before
+        for path in inside:
+            path.chmod(0o755)
+    said = capsys.readouterr()
+    assert "6 of 6 samples" in said.out
+    assert "have it writable, or copy its folder to where you may write" in said.err
+    assert "cannot be written (Permission denied): give a folder that you may write to" in said.err
 
 
 @pytest.mark.parametrize("code", [errno.EROFS, errno.EACCES])
