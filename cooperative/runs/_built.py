@@ -31,7 +31,6 @@ from cooperative.runs._random_soil import RandomSoil
 from cooperative.scene import CONTACT, Campaign, built
 from jaxmpm import Scene, State
 from jaxmpm.laws import declared
-from jaxmpm.setup import WALL_STRENGTH
 from jaxmpm.support import files, hdf5
 
 KIND = "cooperative initial stress"
@@ -86,7 +85,7 @@ def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     known = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
     known += [RATIO] if "strength" in known else []
     known += [
-        name for name, of_walls in CONTACT.items() if getattr(scene.boundary, WALL_STRENGTH[of_walls]) is not None
+        name for name, of_walls in CONTACT.items() if getattr(scene.boundary, of_walls.removeprefix("wall_")) is not None
     ]
     unknown = [name for name in random if name not in known]
     if unknown:
