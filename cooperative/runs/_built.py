@@ -84,9 +84,7 @@ def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     """Raise ValueError for what varies and is no parameter of the soil."""
     known = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
     known += [RATIO] if "strength" in known else []
-    known += [
-        name for name, of_walls in CONTACT.items() if getattr(scene.boundary, of_walls.removeprefix("wall_")) is not None
-    ]
+    known += [name for name in CONTACT if getattr(scene.boundary, name.removeprefix("interface_")) is not None]
     unknown = [name for name in random if name not in known]
     if unknown:
         raise ValueError(
