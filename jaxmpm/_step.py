@@ -148,12 +148,11 @@ def grid_to_particles(
 ) -> tuple[State, Array]:
     """Particles after the motion of the grid, and the velocity gradient (d, d, N) 1/s at them if `strain`."""
     d = scene.grid.dimension
-    fields = [motion.velocity, motion.acceleration]
+    fields = {"velocity": motion.velocity, "acceleration": motion.acceleration}
     if nodal.history_change is not None:
-        fields.append(nodal.history_change)
-    given = jnp.concatenate(fields, axis=1)
-    values, gradient = maps.to_particles(given, values=given.shape[1], gradients=d if strain else 0)
-    pic_velocity, change, averaged = jnp.split(values, [d, 2 * d])
+        fields["history"] = nodal.history_change
+    values, gradient = maps.values(fields, gradients=d if strain else 0)
+    pic_velocity, change = values["velocity"], values["acceleration"]
     flip_velocity = state.velocity + dt * change
     numerics = scene.numerics
     flip = numerics.flip if numerics.pic_damping is None else jnp.exp(-numerics.pic_damping * dt)
@@ -165,8 +164,8 @@ def grid_to_particles(
         displacement=state.displacement + dt * pic_velocity,
         velocity=flip_velocity if flip is None else flip * flip_velocity + (1 - flip) * filtered,
     )
-    if nodal.history_change is not None:
-        change_of_history = jax.tree.unflatten(jax.tree.structure(state.history), list(averaged))
+    if "history" in values:
+        change_of_history = jax.tree.unflatten(jax.tree.structure(state.history), list(values["history"]))
         state = replace(state, history=jax.tree.map(operator.add, state.history, change_of_history))
     if state.affine is not None:
         affine = velocity_gradient(scene.grid, maps.position, maps.unfold(motion.velocity), maps.from_all_nodes)

@@ -164,11 +164,9 @@ def grid_velocity(scene: Scene, state: State) -> Array:
     """
     _of_one_lane(scene, state)
     maps, d = Maps(scene, grid_position(scene, state)), scene.grid.dimension
-    nodal = maps.to_all_nodes(
-        jnp.concatenate([scene.particles.mass[None], particle_momentum(scene, state, maps.position)]), None
-    )
-    mass, moving = maps.fold(nodal[:, :1]), maps.momentum(nodal[:, 1:])
-    velocity = hold(scene, reciprocal(scene, mass) * moving)
+    carried = {"mass": scene.particles.mass[None], "momentum": particle_momentum(scene, state, maps.position)}
+    sums = maps.sums(carried, None)
+    velocity = hold(scene, reciprocal(scene, maps.fold(sums["mass"])) * maps.momentum(sums["momentum"]))
     return maps.to_particles(velocity, values=d, gradients=0)[0]
 
 
@@ -266,12 +264,12 @@ def unbalanced_force(scene: Scene, state: State) -> Array:
     _of_one_lane(scene, state)
     maps, particles = Maps(scene, grid_position(scene, state)), scene.particles
     volume = particles.volume * state.volume_ratio
-    nodal = maps.to_grid(particles.mass[None], acting_stress(scene, state.stress, volume, maps))
+    sums = maps.sums({"mass": particles.mass[None]}, acting_stress(scene, state.stress, volume, maps))
     time = state.step * scene.numerics.time_step
-    load = nodal[:, :1] * felt_gravity(scene, time)
+    load = maps.fold(sums["mass"]) * felt_gravity(scene, time)
     external = external_force(scene, maps.position, time)
     if external is not None:
         load = load + maps.to_grid(external, None)
     weight = hold(scene, load)
-    net = hold(scene, nodal[:, 1:] + load)
+    net = hold(scene, maps.fold(sums["force"]) + load)
     return jnp.sqrt(jnp.sum(net**2) / jnp.maximum(jnp.sum(weight**2), jnp.finfo(net.dtype).tiny))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
@@ -40,6 +42,38 @@ class Maps(NamedTuple):
     def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Array, Array]:
         """Interpolate nodal values at particles: see `jaxmpm.transfer.g2p`."""
         return self.from_all_nodes(self.unfold(nodal), values=values, gradients=gradients)
+
+    def sums(self, carried: Mapping[str, Array], stress: Array | None) -> dict[str, Array]:
+        """Map blocks of channels to all nodes that particles reach.
+
+        Args:
+            carried: values (k, N) by name.
+            stress: as of `jaxmpm.transfer.p2g`.
+
+        Returns:
+            Sums (nodes, k) by the same names, and of the stress the force (nodes, d) N.
+        """
+        widths = {name: len(values) for name, values in carried.items()}
+        if stress is not None:
+            widths["force"] = self.scene.grid.dimension
+        nodal = self.to_all_nodes(jnp.concatenate(list(carried.values())), stress)
+        blocks = jnp.split(nodal, np.cumsum(list(widths.values()))[:-1], axis=1)
+        return dict(zip(widths, blocks, strict=True))
+
+    def values(self, nodal: Mapping[str, Array], *, gradients: int = 0) -> tuple[dict[str, Array], Array]:
+        """Interpolate blocks of nodal values at particles.
+
+        Args:
+            nodal: values (nodes, k) by name.
+            gradients: number of channels, the first ones, whose gradients are interpolated too.
+
+        Returns:
+            Values (k, N) by the same names, and the gradients as of `jaxmpm.transfer.g2p`.
+        """
+        widths = [block.shape[1] for block in nodal.values()]
+        channels = jnp.concatenate(list(nodal.values()), axis=1)
+        values, gradient = self.to_particles(channels, values=sum(widths), gradients=gradients)
+        return dict(zip(nodal, jnp.split(values, np.cumsum(widths)[:-1]), strict=True)), gradient
 
     def to_all_nodes(self, carried: Array | None, stress: Array | None) -> Array:
         """As `to_grid`, at all nodes that particles reach, those beyond open ends of the ground included."""

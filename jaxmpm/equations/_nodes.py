@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from jaxmpm import tensors
@@ -74,52 +73,45 @@ class GridMotion(NamedTuple):
 
 def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool = True) -> Nodal:
     """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
-    particles, grid = scene.particles, scene.grid
-    volume, area, average, unsoftened = particles.volume * state.volume_ratio, None, None, None
-    averaged = [] if scene.numerics.nonlocal_passes is None else jax.tree.leaves(state.unaveraged)
-    weighed = jnp.stack([particles.mass, *(particles.mass * change for change in averaged)])
-    carried = [weighed, momentum(scene, state, maps.position)]
+    particles, boundary, passes = scene.particles, scene.boundary, scene.numerics.nonlocal_passes
+    volume, shears = particles.volume * state.volume_ratio, sheared(scene)
+    changes = [] if passes is None else jax.tree.leaves(state.unaveraged)
+    carried = {
+        "mass": jnp.stack([particles.mass, *(particles.mass * change for change in changes)]),
+        "momentum": momentum(scene, state, maps.position),
+    }
     external = external_force(scene, maps.position, state.step * dt)
     if external is not None:
-        carried.append(external)
-    if scene.boundary.softening is not None:
-        carried.insert(0, (particles.mass * left_by_slip(scene.boundary.softening, state.displacement))[None])
+        carried["external"] = external
+    if boundary.softening is not None:
+        carried["unsoftened"] = (particles.mass * left_by_slip(boundary.softening, state.displacement))[None]
     if bonded(scene):
-        carried.insert(0, particles.volume[None])  # without the gaps of soil that has opened, which bear nothing
-    shears = sheared(scene)
+        carried["volume"] = particles.volume[None]  # without the gaps of soil that has opened, which bear nothing
     if not isinstance(shears, bool):
-        carried.insert(0, (particles.mass * shears)[None])
-    nodal = maps.to_all_nodes(
-        jnp.concatenate(carried), acting_stress(scene, state.stress, volume, maps) if stressed else None
-    )
-    ends = np.cumsum([len(block) for block in carried][: None if stressed else -1])
-    blocks = jnp.split(nodal, ends, axis=1)
-    undrained = None if isinstance(shears, bool) else maps.fold(blocks.pop(0))[:, 0]
-    covering = maps.fold(blocks.pop(0))[:, 0] if bonded(scene) else None
-    left = None if scene.boundary.softening is None else maps.fold(blocks.pop(0))[:, 0]
-    sums, moving, *forces = blocks
-    sums = maps.fold(sums)
-    if undrained is not None:
-        undrained = undrained * reciprocal(scene, sums[:, 0])
-    gap = gaps(scene, sums[:, 0]) if covering is not None or shears is not False else None
-    if covering is not None:
-        area = area_covered(scene, covering, gap)
-    forces = [maps.fold(each) for each in forces]
+        carried["undrained"] = (particles.mass * shears)[None]
+    sums = maps.sums(carried, acting_stress(scene, state.stress, volume, maps) if stressed else None)
+    moving = maps.momentum(sums.pop("momentum"))
+    sums = {name: maps.fold(block) for name, block in sums.items()}
+    weight = sums["mass"][:, 0]
+
+    def share(name: str) -> Array | None:
+        """Average by mass of a channel that is mapped."""
+        return sums[name][:, 0] * reciprocal(scene, weight) if name in sums else None
+
+    undrained, covers = share("undrained"), "volume" in sums
+    gap = gaps(scene, weight) if covers or shears is not False else None
     if stressed and shears is not False:
-        forces[-1] = closed(scene, gap, forces[-1], undrained)
-    if left is not None:
-        unsoftened = left * reciprocal(scene, sums[:, 0])
-    if scene.numerics.nonlocal_passes is not None:
-        average = maps.nodal_average(sums, scene.numerics.nonlocal_passes)
-    mass = tensors.spread(sums[:, :1], grid.dimension, axis=1)
+        sums["force"] = closed(scene, gap, sums["force"], undrained)
+    forces = [sums[name] for name in ("external", "force") if name in sums]
+    mass = tensors.spread(sums["mass"][:, :1], scene.grid.dimension, axis=1)
     return Nodal(
         mass=mass,
-        momentum=maps.momentum(moving),
+        momentum=moving,
         force=sum(forces[1:], forces[0]) if forces else None,
         per_mass=reciprocal(scene, hold(scene, mass, math.inf)),
-        area=area,
-        history_change=average,
-        unsoftened=unsoftened,
+        area=area_covered(scene, sums["volume"][:, 0], gap) if covers else None,
+        history_change=None if passes is None else maps.nodal_average(sums["mass"], passes),
+        unsoftened=share("unsoftened"),
         undrained=undrained,
     )
 

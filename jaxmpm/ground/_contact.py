@@ -70,7 +70,7 @@ class Contact:
                 left out are the scene's own, nan where soil has none.
 
         Returns:
-            `wall_friction` and `wall_cohesion` (nodes,).
+            Friction and cohesion (nodes,), by their names in `jaxmpm.setup.WALL_STRENGTH`.
         """
         known = {name: each.value for name, each in declared(self.scene.material).items()} | dict(values)
         volume = self.scene.particles.volume
@@ -79,10 +79,8 @@ class Contact:
             return jnp.nan_to_num(jnp.broadcast_to(jnp.asarray(known.get(name, 0.0), volume.dtype), volume.shape))
 
         friction, bond = jnp.tan(number("friction")), number("cohesion") + number("strength")
-        sums = Maps(self.scene, self.scene.particles.position).to_grid(
-            volume * jnp.stack([jnp.ones_like(volume), friction, bond]), None
-        )[self.below]
-        return {
-            name: self.spread(sums[:, column] / sums[:, 0])
-            for column, name in enumerate(("wall_friction", "wall_cohesion"), 1)
-        }
+        maps = Maps(self.scene, self.scene.particles.position)
+        strength = {"wall_friction": volume * friction, "wall_cohesion": volume * bond}
+        carried = {name: values[None] for name, values in {"volume": volume, **strength}.items()}
+        sums = {name: maps.fold(block)[self.below, 0] for name, block in maps.sums(carried, None).items()}
+        return {name: self.spread(sums[name] / sums["volume"]) for name in strength}
