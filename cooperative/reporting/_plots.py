@@ -242,7 +242,7 @@ def section_panels_beside(
     figure = Figure(figsize=(8.0 + width, rows * (6.8 * height / length + 0.8)), layout="constrained")
     both = figure.add_gridspec(1, 2, width_ratios=(8.0, width))
     columns = [
-        [figure.add_subplot(spec) for spec in cell.subgridspec(count, 1)]
+        [figure.add_subplot(cell.subgridspec(count, 1)[row]) for row in range(count)]
         for cell, count in ((both[0], rows), (both[1], beside))
     ]
     for ax in (*columns[0], *columns[1]):
