@@ -22,9 +22,10 @@ from .estimate import (
     two_phase,
     wilson_interval,
 )
+from .exports import export, export_sample
 from .hazard import Maps, hazard_maps
 from .measure import Consequences, FailureMode, consequences, failure_mode
-from .reporting import export, export_sample, progress_of, report
+from .reporting import progress_of, report
 from .runs import GridModel, Stopped, build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
 from .scene import (
     Campaign,

@@ -24,7 +24,9 @@ from scipy.stats import norm
 from benchmarks.measure import Report
 from benchmarks.statistics.estimators import measured
 from cooperative import Estimate, Population
-from cooperative.estimate import Phases, TwoPhase, by_sample, paired_difference, shared_audit, unit_of
+from cooperative.estimate import Phases, TwoPhase
+from cooperative.tools.sweep_audit import shared_audit
+from cooperative.tools.sweep_differences import by_sample, paired_difference, unit_of
 
 LEVELS = (0.0, 0.1, 0.2, 0.4, 0.8)
 """What the water adds to the response; the first is the base."""

@@ -3,6 +3,7 @@
 from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Audited, Subset, TwoPhase, named_estimator
 from cooperative.estimate._estimates import (
+    LEAST_FREEDOM,
     Estimate,
     after_more_runs,
     count_interval,
@@ -24,10 +25,9 @@ from cooperative.estimate._fits import (
     severity_ranking,
 )
 from cooperative.estimate._formulas import as_answers, control_variate, monte_carlo, published
-from cooperative.estimate._fragility import Curve, fit_fragility
+from cooperative.estimate._logistic import prior_chances
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
 from cooperative.estimate._nested import draw_samples
-from cooperative.estimate._paired import Difference, by_sample, covariance_of, paired_difference, unit_of
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides, slide_order, zone_weights
 from cooperative.estimate._plain import ControlVariate, MonteCarlo, Published, SceneSamples
 from cooperative.estimate._protocol import (
@@ -42,7 +42,6 @@ from cooperative.estimate._protocol import (
     all_samples,
 )
 from cooperative.estimate._ranking import Correlation, correlation, next_refined, rank_samples, stopping_rank
-from cooperative.estimate._shared import shared_audit
 from cooperative.estimate._subset import SubsetPlan, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 
@@ -51,6 +50,7 @@ __all__ = [
     "ENOUGH",
     "ESTIMATORS",
     "FITTED",
+    "LEAST_FREEDOM",
     "NOT_ASKED",
     "SETTINGS",
     "Answers",
@@ -59,8 +59,6 @@ __all__ = [
     "Chances",
     "ControlVariate",
     "Correlation",
-    "Curve",
-    "Difference",
     "Estimate",
     "Estimator",
     "Exceedance",
@@ -84,36 +82,31 @@ __all__ = [
     "after_more_runs",
     "all_samples",
     "as_answers",
-    "by_sample",
     "chance_of",
     "control_variate",
     "correlation",
     "count_interval",
-    "covariance_of",
     "draw_samples",
     "effective_size",
     "exact_limit",
     "exceedance",
     "fit_distributions",
-    "fit_fragility",
     "mean_interval",
     "mean_of",
     "monte_carlo",
     "named_estimator",
     "next_audit",
     "next_refined",
-    "paired_difference",
+    "prior_chances",
     "published",
     "rank_samples",
     "sample_weights",
     "severity_ranking",
-    "shared_audit",
     "shares",
     "slide_order",
     "stopping_rank",
     "subset_simulation",
     "two_phase",
-    "unit_of",
     "wilson_interval",
     "with_variance",
     "zone_weights",

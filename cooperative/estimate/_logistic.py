@@ -6,6 +6,9 @@ import numpy as np
 from scipy.special import expit
 from scipy.stats import norm
 
+from cooperative.estimate._protocol import Population
+from cooperative.estimate._ranking import rank_samples
+
 
 def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[float, float]:
     """Intercept a and slope b of P(failure) = 1 / (1 + exp(-(a + b (score - centre)))), b at least 0.3.
@@ -79,3 +82,17 @@ def rough_centre(
     whole = weight.sum()
     share = float(weight[~(np.asarray(rough_displacement) < failure_displacement)].sum() / whole)
     return float(score_of(np.array(min(max(share, 0.5 * weight.min() / whole), 0.5)), rare=rare))
+
+
+def prior_chances(population: Population) -> np.ndarray:
+    """Probability that each sample fails, by the model before any refined result (N,).
+
+    Args:
+        population: first phase, of equally weighted samples.
+    """
+    order, weight = rank_samples(population.rough_displacement, population.broke_off).order, population.weights
+    centre = rough_centre(population.rough_displacement[order], weight, population.failure_displacement)
+    chances = np.empty(population.size)
+    prior = fit_logistic(np.zeros(0), np.zeros(0), 0.0)
+    chances[order] = predict_logistic(prior, normal_scores(weight), centre)
+    return chances

@@ -56,7 +56,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class SharedAudit:
-    """What the audits of several campaigns of the same samples have in common, see `shared_audit`.
+    """What the audits of several campaigns of the same samples have in common, see `cooperative.tools.sweep_audit`.
 
     Args:
         doubt: of each sample (samples,), to which its chance of a draw is proportional, but for the even share.

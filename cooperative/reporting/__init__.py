@@ -1,9 +1,8 @@
-"""What people see of a campaign: words, charts, pictures, one page, exports, progress."""
+"""What people see of a campaign: words, charts, pictures, one page, progress."""
 
 from cooperative.reporting._charts import panels, tiled
 from cooperative.reporting._composition import report
 from cooperative.reporting._cost import words_of_cost
-from cooperative.reporting._exports import export, export_sample
 from cooperative.reporting._ground import draw
 from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._interactive import figures as interactive_figures
@@ -13,7 +12,6 @@ from cooperative.reporting._page import table as html_table
 from cooperative.reporting._plots import draw_particles, quantity, save
 from cooperative.reporting._progress import progress_of, watched, words
 from cooperative.reporting._sentences import Cell, limits
-from cooperative.reporting._tables import write_table
 
 __all__ = [
     "Cell",
@@ -21,8 +19,6 @@ __all__ = [
     "document",
     "draw",
     "draw_particles",
-    "export",
-    "export_sample",
     "heading",
     "headline",
     "html_table",
@@ -39,5 +35,4 @@ __all__ = [
     "watched",
     "words",
     "words_of_cost",
-    "write_table",
 ]

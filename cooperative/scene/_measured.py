@@ -14,7 +14,7 @@ with it depends on the stiffness too: samples run with their own, so it is measu
 geometric mean of displacements a little below and above the factor is the failure displacement of all samples, so that
 this slope's factor of safety by displacement is that of its limit load.
 
-Shared audit: campaigns of a sweep refine the same samples (`cooperative.estimate.shared_audit`), drawn by the rough
+Shared audit: campaigns of a sweep refine the same samples (`cooperative.tools.sweep_audit`), drawn by the rough
 results of all.
 """
 

@@ -3,8 +3,8 @@
 A sweep is a scene with a table `[sweep]`, or with tables `[[scenario]]`. One parameter is changed at a time, the others
 stay as the scene has them, as in Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413, Figs. 10
 and 20. Sample n has the same coefficients in every campaign, and a sample that one campaign's audit refines is
-refined in all (`cooperative.estimate.shared_audit`), so that differences between campaigns scatter less than the
-campaigns do (`cooperative.estimate.paired_difference`). All campaigns are screened first, since the shared draws
+refined in all (`cooperative.tools.sweep_audit`), so that differences between campaigns scatter less than the
+campaigns do (`cooperative.tools.sweep_differences`). All campaigns are screened first, since the shared draws
 follow from the rough results of all. A target for the coefficient of variation holds for the base; the others take as
 many refined runs as it did. Campaigns whose estimator has no audit draw as that estimator does. Where another shape
 of ground changes the box that holds it, the terms of its field differ too, and samples have less in common; the
@@ -34,17 +34,10 @@ import numpy as np
 from cooperative.campaign import run as run_campaign
 from cooperative.estimate import (
     Audited,
-    Curve,
     Population,
     Published,
-    by_sample,
-    covariance_of,
-    fit_fragility,
-    paired_difference,
     rank_samples,
-    shared_audit,
     stopping_rank,
-    unit_of,
 )
 from cooperative.reporting import save
 from cooperative.runs import check_size, phases_of, release_programs, rows_reader, samples_of, stop_by_signals
@@ -66,6 +59,9 @@ from cooperative.scene import (
 from cooperative.store import GRIDS, Rows, Source, open_store, own_folder, read_store, source_from, write_aside
 from cooperative.summary import Summary, summarise
 from cooperative.tools import sweep_report as figures
+from cooperative.tools.sweep_audit import shared_audit
+from cooperative.tools.sweep_differences import by_sample, covariance_of, paired_difference, unit_of
+from cooperative.tools.sweep_fragility import Curve, fit_fragility
 from cooperative.tools.sweep_report import LABELS, RECORDS, Point
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import files

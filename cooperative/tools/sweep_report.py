@@ -11,7 +11,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cooperative.estimate import Curve, Difference
 from cooperative.measure import SEVERITY
 from cooperative.reporting import (
     Cell,
@@ -26,6 +25,8 @@ from cooperative.reporting import (
     tiled,
 )
 from cooperative.summary import Element, Summary
+from cooperative.tools.sweep_differences import Difference
+from cooperative.tools.sweep_fragility import Curve
 from jaxmpm.support.text import csv_text, literal
 
 LABELS = {

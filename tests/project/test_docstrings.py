@@ -11,6 +11,7 @@ import pytest
 import cooperative
 import cooperative.doctor
 import cooperative.estimate
+import cooperative.exports
 import cooperative.hazard
 import cooperative.measure
 import cooperative.reporting
@@ -61,8 +62,8 @@ LISTED = [
 ROOMS = (
     *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
     *(kl.axis, kl.field, kl.marginal),
-    *(cooperative.estimate, cooperative.measure, cooperative.reporting, cooperative.runs, cooperative.store),
-    cooperative.summary,
+    *(cooperative.estimate, cooperative.exports, cooperative.measure, cooperative.reporting, cooperative.runs),
+    *(cooperative.store, cooperative.summary),
 )
 LISTED += [
     (f"{room.__name__}.{name}", getattr(room, name))

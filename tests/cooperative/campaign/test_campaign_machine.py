@@ -22,7 +22,8 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 from benchmarks.robustness import hostile_files, invented, lives
 from cooperative import campaign
 from cooperative.__main__ import main
-from cooperative.reporting import _composition, _exports, _interactive, _plots
+from cooperative.exports import _export
+from cooperative.reporting import _composition, _interactive, _plots
 from cooperative.store import DamagedFile, _database, _samples, read_store
 from tests import ROOT
 from tests.databases import by_sql, delete, finished, spoil
@@ -194,7 +195,7 @@ def unwritten(made_up):
     made_up.setattr(_plots, "lay_out", lambda _: None)
     made_up.setattr(_interactive, "_inlined", lambda _: "")
     made_up.setattr(_interactive, "installed", lambda: False)
-    made_up.setattr(_exports, "_series_of_fields", lambda store, *_: store.folder)
+    made_up.setattr(_export, "_series_of_fields", lambda store, *_: store.folder)
 
 
 @pytest.mark.usefixtures("unwritten")

@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cooperative import runs
+from cooperative import exports, runs
 from cooperative.__main__ import main
-from cooperative.reporting import _exports as exports
 from cooperative.reporting import _progress as progress
 from cooperative.scene import parse, read_scene
 from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, write_sample

@@ -13,10 +13,9 @@ import jaxmpm as mpm
 from benchmarks.robustness.invented import TERRAIN
 from cooperative import hazard
 from cooperative.__main__ import main
-from cooperative.reporting import _dataset as dataset
-from cooperative.reporting import _exports
-from cooperative.reporting import _map_files as map_files
-from cooperative.reporting._exports import export
+from cooperative.exports import _dataset as dataset
+from cooperative.exports import _export, export
+from cooperative.exports import _map_files as map_files
 from cooperative.scene import parse, to_toml
 from cooperative.scene._files import packed
 from cooperative.store import Sample, open_store, read_sample, read_store, write_sample
@@ -243,5 +242,5 @@ def test_every_kind_of_map_says_at_least(kind, library, tmp_path, maps):
     pytest.importorskip(library, reason="an extra is not installed")
     ground = SimpleNamespace(origin=(0.0, 0.0), projection=None)
     moving = replace(maps, moving=3, until=20.0)
-    written = list(_exports._of_maps(ground, SimpleNamespace(folder=tmp_path), moving, [kind]))
+    written = list(_export._of_maps(ground, SimpleNamespace(folder=tmp_path), moving, [kind]))
     assert written[-1].name == "AT_LEAST.txt"

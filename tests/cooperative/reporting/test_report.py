@@ -13,6 +13,7 @@ import pytest
 from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.estimate import FITTED, Estimate
+from cooperative.exports import write_table
 from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
 from cooperative.reporting import _bodies as bodies
@@ -20,7 +21,7 @@ from cooperative.reporting import _composition as composition
 from cooperative.reporting import _interactive as interactive
 from cooperative.reporting import _page as html
 from cooperative.reporting import _sentences as sentences
-from cooperative.reporting import report, write_table
+from cooperative.reporting import report
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, write_sample
 from cooperative.summary import Summary

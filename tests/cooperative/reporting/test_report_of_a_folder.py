@@ -16,11 +16,11 @@ from benchmarks.statistics.hazard_populations import SOLID
 from cooperative import folder as folders
 from cooperative import runs
 from cooperative.__main__ import main
+from cooperative.exports._export import export, export_sample
 from cooperative.folder import models_of, read_results
 from cooperative.hazard import hazard_maps
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import report
-from cooperative.reporting._exports import export, export_sample
 from cooperative.scene import parse
 from cooperative.store import open_store, read_rows, read_sample, read_store, stored_text, write_sample
 from tests.cooperative.reporting.test_report import SCENE, Page, copied
@@ -168,10 +168,10 @@ def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, do
     def refused(*_, **__):
         raise AssertionError("the scene was read, or a grid built")
 
-    for module in ("folder", "reporting._exports", "reporting._tables"):
+    for module in ("folder", "exports._export", "exports._tables"):
         monkeypatch.setattr(f"cooperative.{module}.campaign_of", refused)
     monkeypatch.setattr(runs, "build", refused)
-    monkeypatch.setattr("cooperative.reporting._exports.build", refused)
+    monkeypatch.setattr("cooperative.exports._export.build", refused)
     assert {path: path.read_bytes() for path in export(folder, kinds)} == whole
     assert "weight" in (folder / "table.csv").read_text().splitlines()[0].split(",")
     # The random soil of a sample that a report draws is in the folder, too.

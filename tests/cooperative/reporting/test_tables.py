@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cooperative.reporting import write_table
+from cooperative.exports import write_table
 from cooperative.runs import build, random_soil
 from cooperative.scene import parse
 from cooperative.store import open_store, read_store, write_sample

@@ -10,7 +10,7 @@ import pytest
 import jaxmpm
 from benchmarks.robustness.invented import TINY
 from cooperative import campaign
-from cooperative.reporting._exports import export_sample
+from cooperative.exports._export import export_sample
 from cooperative.runs import _executors, build, keep_initial, random_soil, verify_initial
 from cooperative.runs._built import initial_path
 from cooperative.scene import parse

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cooperative import run, runs
+from cooperative.exports._export import export, run_again
 from cooperative.reporting import report
-from cooperative.reporting._exports import export, run_again
 from cooperative.runs._executors import run_sample
 from cooperative.scene import parse
 from cooperative.store import read_rows, read_sample, read_store, restart_path

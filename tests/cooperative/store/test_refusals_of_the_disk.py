@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from cooperative.__main__ import main
+from cooperative.exports import export
 from cooperative.folder import read_results
-from cooperative.reporting._exports import export
 from cooperative.store import _database, open_store, read_rows, read_store, write_sample
 from jaxmpm.support import files
 from tests.cooperative.store.test_store import SCENE, sample

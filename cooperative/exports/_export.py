@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.estimate import Estimator
+from cooperative.exports._dataset import write_geotiff, write_netcdf
+from cooperative.exports._map_files import write_geopackage, write_notice, write_tidy
+from cooperative.exports._tables import rows_of, write_table
 from cooperative.folder import known_summary, models_of, read_results, stored_ground
 from cooperative.hazard import Maps, maps_of
 from cooperative.names import EXPORTS, GRIDS, USUAL_EXPORTS
-from cooperative.reporting._dataset import write_geotiff, write_netcdf
-from cooperative.reporting._map_files import write_geopackage, write_notice, write_tidy
-from cooperative.reporting._tables import rows_of, write_table
 from cooperative.runs import (
     GridModel,
     SampleSoil,

@@ -5,7 +5,7 @@ is the class of sample i (`Failures.count`, times the number of samples). Where 
 coefficients, their difference of P_f is the mean of d_i = z_i' - z_i. The spread of d_i over the samples gives its
 variance: it holds that of the samples, in which what they have in common cancels, and that of both audits, in which
 draws of the same sample cancel as far as its classes agree: campaigns of a sweep share all their draws
-(`cooperative.estimate.shared_audit`). This is the variance of a mean of draws with replacement, as for other means
+(`cooperative.tools.sweep_audit`). This is the variance of a mean of draws with replacement, as for other means
 (Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Sections 2.9 and 9.3): it neglects that a Latin
 hypercube spreads the samples, and counts the draws of an audit as independent, both of which make it larger.
 
@@ -22,8 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from cooperative.estimate._estimates import LEAST_FREEDOM
-from cooperative.estimate._protocol import Failures
+from cooperative.estimate import LEAST_FREEDOM, Failures
 
 
 @dataclass(frozen=True)
@@ -112,13 +111,13 @@ def paired_difference(
         unit: samples that a refined run stands for, see `unit_of`.
         level: confidence level of the interval.
     """
-    each = other - base
-    difference = float(each.mean())
-    squares = (each - difference) ** 2
+    change = other - base
+    difference = float(change.mean())
+    squares = (change - difference) ** 2
     spread = float(squares.sum())
     both = covariance_of((base, other), variance, unit=unit)
-    scatter = max((spread + unit**2) / each.size**2, float(both[0, 0] + both[1, 1] - 2 * both[0, 1]))
-    freedom = max(spread**2 / float(squares @ squares), LEAST_FREEDOM) if spread > 0 else float(each.size)
+    scatter = max((spread + unit**2) / change.size**2, float(both[0, 0] + both[1, 1] - 2 * both[0, 1]))
+    freedom = max(spread**2 / float(squares @ squares), LEAST_FREEDOM) if spread > 0 else float(change.size)
     half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(scatter)
     interval = max(difference - half, -1.0), min(difference + half, 1.0)
     return Difference(difference, (float(interval[0]), float(interval[1])), float(np.sqrt(np.trace(both) / scatter)))

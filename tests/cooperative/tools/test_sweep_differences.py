@@ -4,17 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from cooperative.estimate import (
-    AuditPlan,
-    Failures,
-    Population,
-    by_sample,
-    covariance_of,
-    fit_fragility,
-    next_audit,
-    paired_difference,
-)
+from cooperative.estimate import AuditPlan, Failures, Population, next_audit
 from cooperative.estimate import _twophase as twophase
+from cooperative.tools.sweep_differences import by_sample, covariance_of, paired_difference
+from cooperative.tools.sweep_fragility import fit_fragility
 
 MEDIAN, DEVIATION = 0.15, 0.3
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cooperative.exports._map_files import LIMITS, key, maps_path, middle, require
+from cooperative.exports._tables import tables_of
 from cooperative.folder import Results
 from cooperative.hazard import Maps
-from cooperative.reporting._map_files import LIMITS, key, maps_path, middle, require
-from cooperative.reporting._tables import tables_of
 from cooperative.runs import StoredGround
 from cooperative.store import Store, read_sample
 from cooperative.summary import Summary

@@ -118,8 +118,8 @@ def _fitted(
     a, b = float(beta[0]), float(beta[1])
     if abs(b) <= CLEAR * float(np.sqrt(spread[1, 1])):
         return None
-    drawn = np.linspace(x.min(), x.max(), POINTS)
-    grid = np.stack([np.ones(POINTS), ((np.log(drawn) if form == "lognormal" else drawn) - middle) / scale])
+    points = np.linspace(x.min(), x.max(), POINTS)
+    grid = np.stack([np.ones(POINTS), ((np.log(points) if form == "lognormal" else points) - middle) / scale])
     eta, half = beta @ grid, z * np.sqrt(np.einsum("ip,ij,jp->p", grid, spread, grid))
     slope = np.array([-1 / b, a / b**2])
     centre, error = -a / b, z * float(np.sqrt(slope @ spread @ slope))
@@ -138,7 +138,7 @@ def _fitted(
         (deviation * float(np.exp(-relative)), deviation * float(np.exp(relative))),
         b > 0,
         float(likely.sum()),
-        *(tuple(map(float, each)) for each in (drawn, norm.cdf(eta), norm.cdf(eta - half), norm.cdf(eta + half))),
+        *(tuple(map(float, values)) for values in (points, norm.cdf(eta), norm.cdf(eta - half), norm.cdf(eta + half))),
     )
 
 
