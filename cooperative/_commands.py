@@ -11,14 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import jax
-
-from cooperative import campaign, doctor, runs
 from cooperative._arguments import parser
-from cooperative.reporting import draw, progress_of, report, watched, words, words_of_cost
-from cooperative.scene import Campaign, campaigns_of, parse, read_scene
-from cooperative.store import Source, read_store
-from cooperative.tools import site, sweep
 from jaxmpm.support.extras import extra
 from jaxmpm.support.text import printable
 
@@ -34,6 +27,8 @@ LONGEST_TRIAL = 3600.0
 
 def default_workers() -> int:
     """One process per core on CPU; on other devices, or without any, one process for all lanes."""
+    import jax
+
     from cooperative import runs
 
     return len(runs.cores_to_use()) if not runs.missing_device() and jax.default_backend() == "cpu" else 1
@@ -41,11 +36,15 @@ def default_workers() -> int:
 
 def read_source(args: argparse.Namespace) -> Source:
     """The scene that a command names, with its files."""
+    from cooperative.scene import read_scene
+
     return read_scene(args.scene, outside=args.allow_outside)
 
 
 def read_campaigns(args: argparse.Namespace) -> list[Campaign]:
     """The campaign of a scene; of a sweep all, and a line about the first one."""
+    from cooperative.scene import campaigns_of
+
     campaigns = campaigns_of(read_source(args))
     if len(campaigns) > 1:
         base = "This is its base; `jaxmpm sweep` runs all of them."
@@ -54,6 +53,8 @@ def read_campaigns(args: argparse.Namespace) -> list[Campaign]:
 
 
 def run(args: argparse.Namespace) -> None:
+    from cooperative import runs
+    from cooperative.scene import parse
 
     source = read_source(args)
     for remark in runs.warnings_of(parse(source)):
@@ -62,11 +63,13 @@ def run(args: argparse.Namespace) -> None:
 
 
 def resume(args: argparse.Namespace) -> None:
+    from cooperative.store import read_store
 
     _run(read_store(args.folder).source, args.folder, args)
 
 
 def _run(source: Source, folder: Path, args: argparse.Namespace) -> None:
+    from cooperative import campaign, runs
     from cooperative.reporting import report
 
     with runs.stop_by_signals(ends_process=True):
@@ -80,6 +83,7 @@ def _run(source: Source, folder: Path, args: argparse.Namespace) -> None:
 
 
 def status(args: argparse.Namespace) -> None:
+    from cooperative.reporting import progress_of, watched, words
 
     if args.watch is None:
         print(words(progress_of(args.folder)))
@@ -96,7 +100,7 @@ def report(args: argparse.Namespace) -> None:
 
 
 def export(args: argparse.Namespace) -> None:
-    from cooperative.reporting import export, export_sample
+    from cooperative.exports import export, export_sample
 
     if args.sample is None and args.frames is not None:
         raise ValueError(f"--frames {args.frames} is for one sample: give --sample too")
@@ -110,6 +114,7 @@ def export(args: argparse.Namespace) -> None:
 
 
 def sweep(args: argparse.Namespace) -> None:
+    from cooperative import runs
     from cooperative.tools import sweep
 
     with runs.stop_by_signals(ends_process=True):
@@ -139,6 +144,8 @@ def example(args: argparse.Namespace) -> None:
 
 
 def check(args: argparse.Namespace) -> None:
+    from cooperative import runs
+    from cooperative.reporting import words_of_cost
 
     if not 0 < args.seconds <= LONGEST_TRIAL:
         raise ValueError(f"--seconds {args.seconds:g}: give more than 0 and at most {LONGEST_TRIAL:g}")
