@@ -13,7 +13,7 @@ CHECKOUT := $(PIP) --no-build-isolation --editable
 .venv: .venv/installed
 
 # With what the demo needs. JAX and the build tools that this machine lacks come first.
-.venv/installed: pyproject.toml CMakeLists.txt $(wildcard jaxmpm/transfer/native/*.cc jaxmpm/transfer/native/*.h)
+.venv/installed: pyproject.toml CMakeLists.txt $(wildcard $(addprefix jaxmpm/transfer/native/*.,cc cu h))
 	$(PYTHON) -m venv .venv
 	$(PIP) jax 'scikit-build-core>=0.11'
 	$(BIN)/python -c 'import scikit_build_core.build as b; print(*b.get_requires_for_build_editable())' | xargs -r $(PIP)

@@ -6,17 +6,21 @@ import hashlib
 import json
 import os
 import platform
+import re
 import resource
 import statistics
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import jax
 
 from cooperative.scene import Campaign, parse
 from cooperative.store import write_aside
@@ -90,7 +94,10 @@ def stored_row(folder: Path, name: str, make: Callable[[], dict[str, Any]]) -> d
 
 
 def peak_memory_mb() -> float:
-    """Largest resident set of this process so far, in MB."""
+    """Most memory that this process has held so far, in MB: of the first device, or its resident set on a CPU."""
+    held = jax.devices()[0].memory_stats()
+    if held is not None and "peak_bytes_in_use" in held:
+        return float(held["peak_bytes_in_use"]) / 2**20
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -111,6 +118,8 @@ def on_cores(cores: int, module: str, *arguments: str, first: int = 0) -> dict[s
     )
     if done.returncode:
         raise RuntimeError(f"{module} {' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
+    for warning in re.findall(r"^.*?\w*Warning: (.*)$", done.stderr, re.MULTILINE):
+        warnings.warn(f"{module}: {warning}", stacklevel=2)
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 

@@ -20,8 +20,10 @@ from cooperative.runs import cores_to_use, keep_compiled, memory_mappings, missi
 
 # Largest error of the settling column over its largest value; the stress is constant in a cell, of which there are 16.
 _SETTLEMENT, _STRESS = 0.01, 0.05
+_APART = 2e-6
+"""Largest difference of compiled transfers from XLA's, over the largest value."""
 _SECONDS = 2.0
-_TIMED = "NVIDIA H100"
+_TIMED = ("NVIDIA H100", "NVIDIA H200")
 """Devices beside the CPU that campaigns have been timed on (docs/published-study.md)."""
 
 
@@ -41,6 +43,13 @@ def installation() -> Iterator[tuple[str, str]]:
         "transfers on CPU",
         f"compiled ({instructions})" if instructions else f"on XLA, at some fortieth of the speed: the library {fault}",
     )
+    on_gpu = not missing_device() and jax.default_backend() == "gpu"
+    if mpm.transfer.cuda_library() is not None:
+        reason = mpm.transfer.cuda_fault()
+        yield "transfers on GPU", "compiled" if reason is None else f"on XLA, at half the speed: {reason}"
+    elif on_gpu:
+        built = "that for GPUs was not built, which takes nvcc (docs/get-started.md)"
+        yield "transfers on GPU", f"on XLA, at half the speed: {built}"
     compiler = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), None)
     yield "C++ compiler", compiler or "none on the path"
     yield "cores", f"{len(cores_to_use())} of {os.cpu_count()}"
@@ -89,6 +98,21 @@ def column_errors() -> tuple[float, float]:
     return errors[0], errors[1]
 
 
+def engines_apart() -> float | None:
+    """Largest difference of compiled transfers from XLA's, over the largest value; None where there are none."""
+    engine = mpm.transfer.cuda_available if jax.default_backend() == "gpu" else mpm.transfer.native_available
+    if not engine():
+        return None
+    rng, grid, d = np.random.default_rng(0), mpm.Grid((9, 8, 30), 1.0, (0.0, 0.0, 0.0)), 3
+    position = rng.uniform(size=(d, 5000)) * (np.array(grid.shape)[:, None] - 2) + 0.5
+    arrays = [jnp.asarray(a, jnp.float32) for a in (position, rng.normal(size=(4, 5000)), rng.normal(size=(6, 5000)))]
+    kernel = mpm.GIMP((0.25,) * d)
+    nodal, expected = (
+        mpm.transfer.p2g(grid, kernel, *arrays, engine=each) for each in (mpm.Engine.NATIVE, mpm.Engine.XLA)
+    )
+    return float(jnp.abs(nodal - expected).max() / jnp.abs(expected).max())
+
+
 def step_speed() -> tuple[int, int, float]:
     """Particles of a small slope in 3D, steps taken, and microseconds per particle and step."""
     shape = mpm.Slope(crest=12.0, height=8.0, run_per_rise=2.0, toe=12.0, foundation=4.0, width=16.0)
@@ -111,11 +135,14 @@ def examine() -> bool:
         print(f"{'self-check:':18} NOT RUN: there is no device")
         return False
     settlement, stress = column_errors()
-    well = settlement < _SETTLEMENT and stress < _STRESS
+    apart = engines_apart()
+    well = settlement < _SETTLEMENT and stress < _STRESS and (apart is None or apart < _APART)
     print(
         f"{'column at rest:':18} settlement within {settlement:.2%} of the closed form (limit {_SETTLEMENT:.0%}), "
         f"stress within {stress:.2%} (limit {_STRESS:.0%})"
     )
+    if apart is not None:
+        print(f"{'transfers:':18} compiled ones are {apart:.1e} of the largest value from XLA's (limit {_APART:.0e})")
     particles, steps, cost = step_speed()
     print(
         f"{'a step:':18} {cost:.3f} microseconds a particle ({particles:,} particles, {steps} steps, this machine now)"

@@ -23,7 +23,7 @@ class Engine(enum.Enum):
     """Implementation of the transfers between particles and grid."""
 
     XLA = "scatter and gather as XLA compiles them, on any device"
-    NATIVE = "compiled kernels, on CPU"
+    NATIVE = "compiled kernels, on CPU and CUDA GPUs"
 
 
 class Scheme(enum.Enum):

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmpm._step import stepped
@@ -18,6 +19,7 @@ from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
 Result = TypeVar("Result")
+Tree = TypeVar("Tree")
 
 
 def begun(scene: Scene, state: State) -> State:
@@ -100,7 +102,8 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) 
     """Compiled `advance` over lanes; the given state is donated.
 
     On CPU lanes run one after the other, each for all its steps, so that a lane stays in cache; a vmapped step would
-    stream all lanes through memory. On other devices they run side by side.
+    stream all lanes through memory. On other devices they run side by side, and a lane alone runs as one without a
+    batch, whose loop selects no state.
 
     Args:
         scene: to run.
@@ -111,9 +114,32 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) 
     Returns:
         State.
     """
-    in_turn = jax.custom_batching.sequential_vmap(advance)
-    one = in_turn if jax.default_backend() == "cpu" else advance
+    if jax.default_backend() == "cpu":
+        one = jax.custom_batching.sequential_vmap(advance)
+    elif axes is not None and state.step.shape == (1,):
+        alone = advance(take(scene, 0, axes), take(state, 0), jnp.ravel(steps)[0])
+        return jax.tree.map(lambda leaf: leaf[None], alone)
+    else:
+        one = advance
     return over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
+
+
+def is_none(node: object) -> bool:
+    """Whether a node of a tree is None."""
+    return node is None
+
+
+def take(tree: Tree, index: int | np.ndarray, axes: Tree | None = None) -> Tree:
+    """The lane with an index, or the lanes with indices.
+
+    Args:
+        tree: of leaves that have lanes first.
+        index: of the lane or lanes.
+        axes: None where lanes share a leaf, else 0; None if all leaves have lanes.
+    """
+    if axes is None:
+        return jax.tree.map(lambda leaf: leaf[index], tree)
+    return jax.tree.map(lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=is_none)
 
 
 def over_lanes(function: Callable[..., Result], axes: Scene | None, *others: int | None) -> Callable[..., Result]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm.run._advance import advance_lanes
+from jaxmpm.run._advance import advance_lanes, is_none, take
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Rule, SlidesEnd, Watch, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
@@ -108,7 +108,7 @@ class Batch:
             lambda axis, *leaves: leaves[0] if axis is None else jnp.stack(leaves),
             axes,
             *(sample.scene for sample in samples),
-            is_leaf=_is_none,
+            is_leaf=is_none,
         )
         watch = Watch.start(rules, (len(samples),))
         for lane, start in enumerate(starts):
@@ -156,8 +156,8 @@ class Batch:
 
     def result(self, lane: int) -> Result:
         """Result of a sample that has ended."""
-        scene = _take(self.scene, lane, self.axes)
-        return Result(jax.device_get(_take(self.state, lane)), scene.numerics.time_step)
+        scene = take(self.scene, lane, self.axes)
+        return Result(jax.device_get(take(self.state, lane)), scene.numerics.time_step)
 
     def advanced(self, slides_end: SlidesEnd | None = None) -> Batch:
         """The batch after a chunk of steps of every lane and a look at each.
@@ -215,8 +215,8 @@ class Batch:
         keep = np.asarray(sorted([*busy, *empty[: width - len(busy)]]))
         return replace(
             self,
-            scene=_take(self.scene, keep, self.axes),
-            state=_take(self.state, keep),
+            scene=take(self.scene, keep, self.axes),
+            state=take(self.state, keep),
             watch=self.watch.of(keep),
             numbers=tuple(self.numbers[lane] for lane in keep),
             time_step=self.time_step[keep],
@@ -237,17 +237,6 @@ def even_chunk(total: int, about: int) -> int:
     return min(range(max(1, about * 4 // 5), max(2, about * 6 // 5)), key=lambda c: (-total % c, abs(c - about)))
 
 
-def _is_none(node: object) -> bool:
-    return node is None
-
-
-def _take(tree: Tree, index: int | np.ndarray, axes: Tree | None = None) -> Tree:
-    """The lanes `index` of every leaf, or of those leaves only that have lanes by `axes`."""
-    if axes is None:
-        return jax.tree.map(lambda leaf: leaf[index], tree)
-    return jax.tree.map(lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=_is_none)
-
-
 @jax.jit
 def _lane(batch: State, lane: int) -> State:
     return jax.tree.map(lambda leaf: leaf[lane], batch)
@@ -261,6 +250,6 @@ def _put(scenes: Scene, states: State, scene: Scene, state: State, lane: int, ax
         return lanes if axis is None else lanes.at[lane].set(one)
 
     return (
-        jax.tree.map(put, axes, scenes, scene, is_leaf=_is_none),
+        jax.tree.map(put, axes, scenes, scene, is_leaf=is_none),
         jax.tree.map(partial(put, 0), states, state),
     )

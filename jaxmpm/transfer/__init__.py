@@ -9,6 +9,9 @@ from jaxmpm.transfer._transfers import g2p, p2g
 from jaxmpm.transfer.native import available as native_available
 from jaxmpm.transfer.native import instructions as native_instructions
 from jaxmpm.transfer.native import library as native_library
+from jaxmpm.transfer.native.cuda import available as cuda_available
+from jaxmpm.transfer.native.cuda import fault as cuda_fault
+from jaxmpm.transfer.native.cuda import library as cuda_library
 
 __all__ = [
     "GIMP",
@@ -16,6 +19,9 @@ __all__ = [
     "QuadraticBSpline",
     "band_thickness",
     "cell_sums",
+    "cuda_available",
+    "cuda_fault",
+    "cuda_library",
     "filtered",
     "g2p",
     "inside",

@@ -1,13 +1,14 @@
 """Sums over the particles in the same cell, as a JAX primitive.
 
-The sum is linear in the values and symmetric: its transpose is the sum itself. It lowers to a native kernel on CPU and
-to XLA elsewhere.
+The sum is linear in the values and symmetric: its transpose is the sum itself. It lowers to native kernels on CPU and
+CUDA GPUs, and to XLA elsewhere.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from types import ModuleType
 
 import jax.numpy as jnp
 from jax import Array
@@ -15,7 +16,6 @@ from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad
 
-from jaxmpm.transfer import native
 from jaxmpm.transfer._primitives import Tangent, batch_shape, over_lanes, register, summed
 from jaxmpm.types import Engine
 
@@ -29,7 +29,7 @@ def cell_sums(cell: Array, values: Array, *, cells: int, engine: Engine | None =
         cell: numbers (N,) int32 of the particles' cells, from 0.
         values: (c, N).
         cells: number of cells.
-        engine: None takes native kernels on CPU if they were built, else XLA.
+        engine: None takes native kernels if they were built, else XLA.
 
     Returns:
         (c, N).
@@ -47,9 +47,9 @@ def _xla(cell: Array, values: Array, *, cells: int) -> Array:
     return over_lanes(lambda cell, values: jnp.stack([of_row(cell[0], row) for row in values]), cell, values)
 
 
-def _on_cpu(cell: Array, values: Array, *, cells: int) -> Array:
-    if native.available() and values.dtype in (jnp.float32, jnp.float64):
-        return native.cell_sums(cell, values, cells=cells)
+def _compiled(engine: ModuleType, cell: Array, values: Array, *, cells: int) -> Array:
+    if engine.available() and values.dtype in (jnp.float32, jnp.float64):
+        return engine.cell_sums(cell, values, cells=cells)
     return _xla(cell, values, cells=cells)
 
 
@@ -68,4 +68,4 @@ def _transpose(cotangent: Tangent, cell: Array, values: Tangent, *, cells: int) 
     return None, summed(cell_sums_p.bind(cell, cotangent, cells=cells), values.aval.shape)
 
 
-register(cell_sums_p, _shape, ("cells",), jvp=_jvp, transpose=_transpose, on_cpu=_on_cpu, elsewhere=_xla)
+register(cell_sums_p, _shape, ("cells",), jvp=_jvp, transpose=_transpose, compiled=_compiled, elsewhere=_xla)

@@ -8,13 +8,14 @@ one by the position x. So reverse mode needs these three and nothing else:
     gather   is transposed by scatter (along the nodes) and contract (along the position).
 
 Forward mode along the position differentiates the weights once more. Everything differentiates to any order, on either
-engine; native kernels stop at second derivatives of the weights.
+engine; native kernels, of CPU and of CUDA GPUs, stop at second derivatives of the weights.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from types import ModuleType
 from typing import Any
 
 import jax
@@ -30,6 +31,7 @@ from jaxmpm.protocols import Kernel
 from jaxmpm.transfer import _stencil as stencil
 from jaxmpm.transfer import native
 from jaxmpm.transfer._stencil import Term
+from jaxmpm.transfer.native import cuda
 
 # The primitives. Arrays may have any number of leading batch axes, of length 1 where lanes share the array.
 scatter_p = Primitive("jaxmpm_scatter")  # position (d, N), blocks of rows (r, N) -> (nodes, channels)
@@ -43,6 +45,9 @@ gather_tangent_p = Primitive("jaxmpm_gather_tangent")  # position, shift, nodal 
 
 # An argument of a differentiation rule: an array, a symbolic zero, or an undefined primal (JAX has no type for it).
 Tangent = Any
+
+ENGINES = {"cpu": native, "cuda": cuda}
+"""Compiled kernels by platform."""
 
 _STATICS = ("grid", "kernel", "native_only", "terms")
 
@@ -105,25 +110,41 @@ def _refuse(native_only: bool) -> None:
         )
 
 
-def _scatter_cpu(
-    position: Array, *blocks: Array, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], channels: int
+def _scatter_native(
+    engine: ModuleType,
+    position: Array,
+    *blocks: Array,
+    native_only: bool,
+    grid: Grid,
+    kernel: Kernel,
+    terms: Sequence[Term],
+    channels: int,
 ) -> Array:
-    if native.available() and native.supports(kernel, position, terms):
-        return native.scatter(grid, kernel, position, blocks, terms=terms, channels=channels)
+    if engine.available() and native.supports(kernel, position, terms):
+        return engine.scatter(grid, kernel, position, blocks, terms=terms, channels=channels)
     return _scatter_xla(
         position, *blocks, native_only=native_only, grid=grid, kernel=kernel, terms=terms, channels=channels
     )
 
 
-def _gather_cpu(
-    position: Array, nodal: Array, *, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], rows: int
+def _gather_native(
+    engine: ModuleType,
+    position: Array,
+    nodal: Array,
+    *,
+    native_only: bool,
+    grid: Grid,
+    kernel: Kernel,
+    terms: Sequence[Term],
+    rows: int,
 ) -> Array:
-    if native.available() and native.supports(kernel, position, terms):
-        return native.gather(grid, kernel, position, nodal, terms=terms, rows=rows)
+    if engine.available() and native.supports(kernel, position, terms):
+        return engine.gather(grid, kernel, position, nodal, terms=terms, rows=rows)
     return _gather_xla(position, nodal, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
 
 
-def _contract_cpu(
+def _contract_native(
+    engine: ModuleType,
     position: Array,
     nodal: Array,
     *blocks: Array,
@@ -133,8 +154,8 @@ def _contract_cpu(
     terms: Sequence[Term],
     rows: int,
 ) -> Sequence[Array]:
-    if native.available() and native.supports(kernel, position, _raised(terms, position.shape[-2])):
-        return native.contract(grid, kernel, position, nodal, blocks, terms=terms, rows=rows)
+    if engine.available() and native.supports(kernel, position, _raised(terms, position.shape[-2])):
+        return engine.contract(grid, kernel, position, nodal, blocks, terms=terms, rows=rows)
     return _contract_expanded(
         position, nodal, *blocks, rows=rows, native_only=native_only, grid=grid, kernel=kernel, terms=terms
     )
@@ -287,7 +308,7 @@ def register(
     *,
     jvp: Callable[..., tuple[object, object]],
     transpose: Callable[..., tuple[Tangent, ...]] | None,
-    on_cpu: Callable[..., object],
+    compiled: Callable[..., object] | None,
     elsewhere: Callable[..., object],
 ) -> None:
     """Give a primitive its rules.
@@ -298,7 +319,7 @@ def register(
         counts: names of its parameters beside those of every transfer.
         jvp: rule of forward mode.
         transpose: rule of reverse mode; None if it is never transposed.
-        on_cpu: what it lowers to on CPU.
+        compiled: what it lowers to where there may be native kernels, as a function of the engine that has them.
         elsewhere: what it lowers to on other devices.
     """
     primitive.def_abstract_eval(shape)
@@ -309,7 +330,8 @@ def register(
     batching.primitive_batchers[primitive] = partial(_batched, primitive)
     lowered = partial(mlir.lower_fun, multiple_results=primitive.multiple_results)
     mlir.register_lowering(primitive, lowered(elsewhere))
-    mlir.register_lowering(primitive, lowered(on_cpu), platform="cpu")
+    for platform, engine in ENGINES.items() if compiled is not None else ():
+        mlir.register_lowering(primitive, lowered(partial(compiled, engine)), platform=platform)
 
 
 def _register_expanded(
@@ -319,20 +341,20 @@ def _register_expanded(
     expanded: Callable[..., object],
     *,
     transpose: Callable[..., tuple[Tangent, ...]] | None,
-    on_cpu: Callable[..., object] | None = None,
+    compiled: Callable[..., object] | None = None,
 ) -> None:
     """Register a primitive that is composed of other primitives wherever it has no kernel of its own."""
     jvp = partial(_expanded_jvp, expanded)
-    register(primitive, shape, counts, jvp=jvp, transpose=transpose, on_cpu=on_cpu or expanded, elsewhere=expanded)
+    register(primitive, shape, counts, jvp=jvp, transpose=transpose, compiled=compiled, elsewhere=expanded)
 
 
 register(
     scatter_p, _nodal_shape, ("channels",),
-    jvp=_scatter_jvp, transpose=_scatter_transpose, on_cpu=_scatter_cpu, elsewhere=_scatter_xla,
+    jvp=_scatter_jvp, transpose=_scatter_transpose, compiled=_scatter_native, elsewhere=_scatter_xla,
 )  # fmt: skip
 register(
     gather_p, _rows_shape, ("rows",),
-    jvp=_gather_jvp, transpose=_gather_transpose, on_cpu=_gather_cpu, elsewhere=_gather_xla,
+    jvp=_gather_jvp, transpose=_gather_transpose, compiled=_gather_native, elsewhere=_gather_xla,
 )  # fmt: skip
 _register_expanded(
     scatter_tangent_p, _nodal_shape, ("channels",), _scatter_tangent_expanded, transpose=_scatter_tangent_transpose
@@ -340,4 +362,6 @@ _register_expanded(
 _register_expanded(
     gather_tangent_p, _rows_shape, ("rows",), _gather_tangent_expanded, transpose=_gather_tangent_transpose
 )
-_register_expanded(contract_p, _contract_shape, ("rows",), _contract_expanded, transpose=None, on_cpu=_contract_cpu)
+_register_expanded(
+    contract_p, _contract_shape, ("rows",), _contract_expanded, transpose=None, compiled=_contract_native
+)

@@ -3,8 +3,8 @@
 Both maps are linear in the values that they transfer. A node's row in a grid array interleaves its channels:
 (nodes, channels), nodes numbered fastest along the last axis.
 
-By default a transfer is a JAX primitive (`jaxmpm.transfer._primitives`) that lowers to native kernels on CPU and to
-`jaxmpm.transfer._stencil` elsewhere, as do its derivatives.
+By default a transfer is a JAX primitive (`jaxmpm.transfer._primitives`) that lowers to native kernels on CPU and
+CUDA GPUs, and to `jaxmpm.transfer._stencil` elsewhere, as do its derivatives.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from jaxmpm.transfer import native
 from jaxmpm.transfer._primitives import gather_p, rows_of, scatter_p
 from jaxmpm.transfer._shape import WIDTH
 from jaxmpm.transfer._stencil import Term
+from jaxmpm.transfer.native import cuda
 from jaxmpm.types import Engine
 
 
@@ -45,7 +46,7 @@ def p2g(
         carried: (k, N), for example mass and momentum, or None.
         stress: (d (d + 1) / 2, N) volume times the stress components that act on the grid (J), in the order xx, yy, zz,
             xy, yz, xz of those that the dimension has, or None.
-        engine: None takes native kernels on CPU if they were built, else XLA.
+        engine: None takes native kernels if they were built, else XLA.
 
     Returns:
         (nodes, k + d), (nodes, k) or (nodes, d): first the carried channels, then the force in N.
@@ -89,7 +90,7 @@ def g2p(
         nodal: (nodes, c).
         values: number of channels, the first ones, that are interpolated.
         gradients: number of channels, the first ones, whose gradients are interpolated.
-        engine: None takes native kernels on CPU if they were built, else XLA.
+        engine: None takes native kernels if they were built, else XLA.
 
     Returns:
         Values (values, N) and gradients (gradients, d, N) 1/m; None for a count of 0.
@@ -128,6 +129,6 @@ def _check(grid: Grid, *arrays: Array) -> None:
 
 
 def _native_only(engine: Engine | None) -> bool:
-    if not native.available() and engine is Engine.NATIVE:
+    if engine is Engine.NATIVE and not (cuda.library() or native.available()):
         raise ValueError("Engine.NATIVE was not built: install a C++ compiler and jaxmpm again, or take Engine.XLA")
     return engine is Engine.NATIVE

@@ -12,6 +12,7 @@ import sys
 import tomllib
 import warnings
 from importlib import import_module, metadata
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -84,7 +85,7 @@ def test_wheels_have_all_instruction_sets_and_checkouts_those_of_their_machine()
     scikit = PROJECT["tool"]["scikit-build"]
     told = [each for each in scikit["overrides"] if "cmake" in each]
     assert told == [{"if": {"state": "editable"}, "cmake": {"define": {"JAXMPM_INSTRUCTIONS": "native"}}}]
-    assert scikit["cmake"] == {"define": {"JAXMPM_INSTRUCTIONS": "all"}}
+    assert scikit["cmake"] == {"define": {"JAXMPM_INSTRUCTIONS": "all", "JAXMPM_CUDA": "auto"}}
 
 
 @pytest.mark.skipif(CMAKE is None or COMPILER is None, reason="no CMake or no C++ compiler")
@@ -109,6 +110,24 @@ def test_the_build_refuses_instruction_sets_that_it_does_not_know(tmp_path):
     done = subprocess.run(told, capture_output=True, text=True)
     assert done.returncode
     assert "JAXMPM_INSTRUCTIONS = sse: give all or native" in done.stderr
+
+
+@pytest.mark.skipif(CMAKE is None or COMPILER is None, reason="no CMake or no C++ compiler")
+@pytest.mark.parametrize(
+    ("plugin", "asked", "built"), [(False, "auto", False), (True, "auto", True), (True, "off", False)]
+)
+def test_kernels_for_gpus_are_built_where_jax_has_a_cuda_plugin(plugin, asked, built, tmp_path):
+    """With nvcc on the machine: a checkout without a GPU does not wait for them, a wheel has none."""
+    if built and shutil.which("nvcc") is None:
+        pytest.skip("no nvcc")
+    if plugin:
+        (tmp_path / "jax_cuda13_plugin.py").touch()
+    told = ["-S", ROOT, "-B", tmp_path / "build", f"-DPython_EXECUTABLE={sys.executable}", f"-DJAXMPM_CUDA={asked}"]
+    surroundings = os.environ | {"PYTHONPATH": str(tmp_path)}
+    told.append("-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")
+    subprocess.run([CMAKE, *told], check=True, capture_output=True, env=surroundings)
+    units = {Path(each["file"]).name for each in json.loads((tmp_path / "build" / "compile_commands.json").read_text())}
+    assert ({"cuda_kernels.cu", "cuda_order.cu", "cuda_ffi.cc"} <= units) == built
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")

@@ -124,9 +124,9 @@ def scatter(
     parts = []
     for first in range(0, channels, MAX_CHANNELS):
         count = min(channels - first, MAX_CHANNELS)
-        result = jax.ShapeDtypeStruct((*batch, grid.nodes, _width(count)), position.dtype)
+        result = jax.ShapeDtypeStruct((*batch, grid.nodes, width(count)), position.dtype)
         call = jax.ffi.ffi_call("jaxmpm_scatter", result)
-        parts.append(call(*arrays, **_attributes(grid, kernel, _shifted(terms, first, count)))[..., :count])
+        parts.append(call(*arrays, **attributes(grid, kernel, _shifted(terms, first, count)))[..., :count])
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 
 
@@ -208,13 +208,13 @@ def _by_channels(
         count = min(nodal.shape[-1] - first, MAX_CHANNELS)
         met = 1 + max((t.channel for t in _shifted(terms, first, count)), default=0)
         # A kernel takes nodes of no more channels than its width.
-        count = count if _width(met) == _width(count) else met
+        count = count if width(met) == width(count) else met
         part = nodal if count == nodal.shape[-1] else nodal[..., first : first + count]
-        parts.append(call(position, part, *blocks, **_attributes(grid, kernel, _shifted(terms, first, count))))
+        parts.append(call(position, part, *blocks, **attributes(grid, kernel, _shifted(terms, first, count))))
     return functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
 
 
-def _width(channels: int) -> int:
+def width(channels: int) -> int:
     """Channels that the kernel for so many works on at once."""
     return 4 if channels <= 4 else MAX_CHANNELS
 
@@ -224,15 +224,22 @@ def _shifted(terms: Sequence[Term], first: int, count: int) -> list[Term]:
     return [t._replace(channel=t.channel - first) for t in terms if first <= t.channel < first + count]
 
 
-def _attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, np.ndarray | np.generic]:
-    d = grid.dimension
-    axes = [axes for order in range(MAX_ORDER + 1) for axes in itertools.combinations_with_replacement(range(d), order)]
-    half = kernel.half_size if isinstance(kernel, GIMP) else (0.0,) * d
-    numbers = [(t.row, t.channel, axes.index(t.axes), t.factor) for t in terms]
+def attributes_of(grid: Grid) -> dict[str, np.ndarray | np.generic]:
+    """What a kernel is told of a grid."""
     return {
         "shape": np.array(grid.shape, np.int64),
         "origin": np.array(grid.origin, np.float64),
         "cell": np.float64(grid.cell),
+    }
+
+
+def attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, np.ndarray | np.generic]:
+    """What a kernel is told of a transfer."""
+    d = grid.dimension
+    axes = [axes for order in range(MAX_ORDER + 1) for axes in itertools.combinations_with_replacement(range(d), order)]
+    half = kernel.half_size if isinstance(kernel, GIMP) else (0.0,) * d
+    numbers = [(t.row, t.channel, axes.index(t.axes), t.factor) for t in terms]
+    return attributes_of(grid) | {
         "function": np.int64(FUNCTIONS[type(kernel)]),
         "half": np.array([h / grid.cell for h in half], np.float64),
         "terms": np.array(numbers, np.int64).reshape(-1),

@@ -9,8 +9,6 @@
 
 namespace jaxmpm {
 
-enum class Scalar { kFloat, kDouble };
-
 // The arrays of one lane; lanes may share what they read. `rows` points to each row of the particle array.
 struct ScatterLane {
   const void* position;
@@ -40,9 +38,6 @@ struct InstructionSet {
 // The sets of the library that this machine runs, the best one last, and that one: null where there is none.
 std::vector<const InstructionSet*> runnable_instructions();
 const InstructionSet* best_instructions();
-
-// Smallest width that the kernels have for this many channels.
-inline int32_t padded(int32_t channels) { return channels <= 4 ? 4 : 8; }
 
 // Each transfer returns false, and writes nothing, where no kernel was compiled for the plan.
 

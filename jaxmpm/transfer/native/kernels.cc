@@ -27,12 +27,10 @@ constexpr int kVectorBytes = 16;
 #endif
 constexpr int kBlock = kVectorBytes == 64 ? 64 : 32;  // particles whose weights are computed together, as vectors
 
-constexpr int jets(int dimension, int order) {
-  return order == 0 ? 1 : order == 1 ? 1 + dimension : 1 + dimension + dimension * (dimension + 1) / 2;
-}
-
 #define JAXMPM_INLINE static inline __attribute__((always_inline))
 #define JAXMPM_MEMBER inline __attribute__((always_inline))
+#define JAXMPM_BOTH JAXMPM_INLINE
+#define JAXMPM_NUMBER constexpr
 
 // What runs once for a block of particles is compiled once for all kernels that call it.
 #if defined(__clang__)
@@ -115,6 +113,7 @@ JAXMPM_INLINE Pack<T, W> operator*(const Pack<T, W>& a, const Pack<T, W>& b) {
   else return {a.first * b.first, a.rest * b.rest};
 }
 
+#include "stencil.h"
 #include "weights.h"
 
 // What one node of an axis gives a particle: weight, slope (1/m) and curvature (1/m2).
@@ -279,14 +278,6 @@ void scatter(const Plan& plan, const T* __restrict position, const void* const* 
       spread<T, W, D, ORDER, D>(a, weights, p, strides, nodal + int64_t{weights.node[p]} * stride);
     }
   }
-}
-
-// The jet that is `jet` derived once more along `axis`.
-template <int D>
-constexpr int derived(int jet, int axis) {
-  if (jet == 0) return 1 + axis;
-  const int i = jet - 1 < axis ? jet - 1 : axis, j = jet - 1 < axis ? axis : jet - 1;
-  return 1 + D + i * D - i * (i - 1) / 2 + j - i;
 }
 
 // The jet of D axes that is `jet` of the first D - 1 of them, derived `order` times along the last one.
@@ -611,8 +602,8 @@ void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, u
 #define JAXMPM_JOIN_OF(a, b) a##_##b
 #define JAXMPM_JOIN(a, b) JAXMPM_JOIN_OF(a, b)
 
-using Scalar = JAXMPM_SCALAR;
+using Number = JAXMPM_SCALAR;
 extern const Kernels JAXMPM_JOIN(JAXMPM_ISA, JAXMPM_SCALAR) = {
-    chosen<ScatterOf<Scalar>>, chosen<GatherOf<Scalar>>, chosen<ContractOf<Scalar>>, slabs<Scalar>};
+    chosen<ScatterOf<Number>>, chosen<GatherOf<Number>>, chosen<ContractOf<Number>>, slabs<Number>};
 
 }  // namespace jaxmpm

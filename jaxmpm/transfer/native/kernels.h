@@ -10,6 +10,8 @@
 
 namespace jaxmpm {
 
+enum class Scalar { kFloat, kDouble };
+
 enum ShapeFunction : int32_t { kLinear = 0, kGimp = 1, kQuadraticBSpline = 2 };
 
 constexpr int kAxes = 3;
@@ -44,6 +46,9 @@ struct Plan {
   const Term* terms;
   int32_t term_count;
 };
+
+// Smallest width that the kernels have for this many channels.
+static inline int32_t padded(int32_t channels) { return channels <= 4 ? 4 : 8; }
 
 // Particle arrays are (components, particles), or one pointer per row; `index` lists particles or is null for all in their
 // order; [begin, end) is a range of that list, or of particles.

@@ -68,20 +68,6 @@ struct RowWeights {
   alignas(64) float of[jets(D - 1, ORDER)][rows_of(D)][kBlock];
 };
 
-// The order of derivative that `jet` of D axes takes along `axis`.
-template <int D>
-constexpr int order_along(int jet, int axis) {
-  if (jet == 0) return 0;
-  if (jet <= D) return jet - 1 == axis;
-  int of_two = jet - D - 1;
-  for (int i = 0; i < D; ++i) {
-    for (int j = i; j < D; ++j, --of_two) {
-      if (of_two == 0) return (i == axis) + (j == axis);
-    }
-  }
-  return 0;
-}
-
 template <int D, int ORDER>
 JAXMPM_APART void fill_row_weights(const Weights<float, D, ORDER>& w, RowWeights<D, ORDER>& r) {
   for (int j = 0; j < jets(D - 1, ORDER); ++j) {

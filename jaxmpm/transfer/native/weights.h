@@ -79,57 +79,6 @@ struct Weights {
   alignas(64) int32_t node[kBlock];  // lowest node of the stencil
 };
 
-// A plan's numbers in the kernel's precision.
-template <class T>
-struct Axes {
-  ShapeFunction function;
-  int64_t particles;
-  T cell, per_cell;
-  bool exact;  // a product with `per_cell` rounds as a quotient does: the cell is a power of two
-  T origin[kAxes], highest[kAxes], half[kAxes], per_half[kAxes];
-  int32_t nodes[kAxes];
-
-  JAXMPM_APART explicit Axes(const Plan& plan)
-      : function(plan.function), particles(plan.particles), cell(T(plan.cell)), per_cell(T(1 / plan.cell)) {
-    int exponent;
-    exact = __builtin_frexp(plan.cell, &exponent) == 0.5;
-    for (int axis = 0; axis < kAxes; ++axis) {
-      origin[axis] = T(plan.origin[axis]);
-      highest[axis] = T(plan.shape[axis] - kStencil);
-      half[axis] = T(plan.half[axis]);
-      per_half[axis] = 1 / half[axis];
-      nodes[axis] = plan.shape[axis];
-    }
-  }
-};
-
-// Value and derivatives at distance r (in cells) of a shape function; zero for NaN. See jaxmpm/transfer/_shape.py.
-template <class T, int ORDER>
-JAXMPM_INLINE void shape(ShapeFunction function, T l, T per_l, T r, T* value, T* slope, T* curvature) {
-  const T a = r < 0 ? -r : r;
-  const T sign = r < 0 ? T(1) : T(-1);
-  if (function == kLinear) {
-    const bool support = (r >= -1) & (r < 1);
-    *value = support ? 1 - a : T(0);
-    if (ORDER > 0) *slope = support ? sign : T(0);
-    if (ORDER > 1) *curvature = 0;
-  } else if (function == kGimp) {
-    const T reach = 1 + l - a;
-    const T tail = reach > 0 ? reach : T(0);
-    const bool core = a < l, flank = a < 1 - l;
-    *value = core ? 1 - (r * r + l * l) * (T(0.5) * per_l) : flank ? 1 - a : tail * tail * (T(0.25) * per_l);
-    if (ORDER > 0) *slope = core ? -r * per_l : flank ? sign : sign * tail * (T(0.5) * per_l);
-    if (ORDER > 1) *curvature = core ? -per_l : flank | !(reach > 0) ? T(0) : T(0.5) * per_l;
-  } else {
-    const T reach = T(1.5) - a;
-    const T tail = reach > 0 ? reach : T(0);
-    const bool core = a < T(0.5);
-    *value = core ? T(0.75) - r * r : tail * tail / 2;
-    if (ORDER > 0) *slope = core ? -2 * r : sign * tail;
-    if (ORDER > 1) *curvature = core ? T(-2) : reach > 0 ? T(1) : T(0);
-  }
-}
-
 template <class T, int ORDER, ShapeFunction F>
 JAXMPM_INLINE void axis_weights(T l, T per_l, T per_cell, const T* cells, const T* base, T (*of)[ORDER + 1][kBlock]) {
   for (int k = 0; k < kStencil; ++k) {

@@ -1,13 +1,15 @@
 """Samples that differ in any parameters of their soil: the same as scenes built for each, in any company."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm.run import SlidesEnd
+from jaxmpm.run import SlidesEnd, lanes, repeat
+from jaxmpm.run._advance import advance_lanes
 from jaxmpm.run._batch import Batch, Sample
 from jaxmpm.setup import vary
 
@@ -153,3 +155,21 @@ def test_values_are_drawn_one_by_one():
     unequal = mpm.solve_each(scene, state, {"strength": strengths(), "young": iter([5e6])}, width=1, t_end=0.05)
     with pytest.raises(ValueError, match=r"\['young'\] has 1 values, other names have more"):
         list(unequal)
+
+
+def test_a_lane_alone_runs_without_the_selects_of_a_batch(monkeypatch):
+    """Beside a CPU, where lanes run in turn: the loop of a batch selects the state of lanes that have ended."""
+    scene, state = built()
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+
+    def program(count):
+        strength = np.full((count, scene.particles.mass.size), 9e3, np.float32)
+        several, axes = lanes(scene, strength=strength)
+        run = partial(advance_lanes.__wrapped__, axes=axes)
+        arguments = several, repeat(state, count), np.full(count, 3)
+        return str(jax.make_jaxpr(run)(*arguments)), jax.jit(run)(*arguments)
+
+    (batch, two), (alone, one) = program(2), program(1)
+    assert alone.count("select_n") < batch.count("select_n")
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True):
+        np.testing.assert_allclose(a[0], b[0], rtol=1e-6, atol=1e-6 * np.abs(b).max())
