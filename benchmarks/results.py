@@ -34,6 +34,7 @@ there. Machines are shared and noisy: times are medians, with smallest and large
 SHORT = {
     "stability": "stability",
     "earthquakes": "accuracy",
+    "seepage": "accuracy",
     "work_precision": "accuracy",
     "slope": "accuracy",
     "throughput": "speed",

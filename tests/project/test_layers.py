@@ -16,7 +16,7 @@ from tests import ROOT
 ROOMS = {
     "jaxmpm": (
         "support grid protocols types storage tensors transfer laws boundary equations _step diagnostics soil setup "
-        "ground run io plot"
+        "ground seepage run io plot"
     ),
     "kl": "_checks types axis marginal sampling field estimation soil plots",
     "cooperative": (

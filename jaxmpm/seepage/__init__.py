@@ -1,0 +1,73 @@
+"""Flow of water in the ground: Richards' equation in columns, sections and solids, and what its pressure does."""
+
+from jaxmpm.seepage._boundary import (
+    AtSide,
+    Condition,
+    Drain,
+    Draining,
+    Held,
+    Open,
+    Places,
+    Series,
+    drain,
+    free_drainage,
+    held_head,
+    open_face,
+)
+from jaxmpm.seepage._cells import Cells, Faces, Side, cells, cells_under
+from jaxmpm.seepage._march import Flow, Record, Status, hydrostatic, infiltration, replay, run, steady
+from jaxmpm.seepage._sample import Heads
+from jaxmpm.seepage._soil import (
+    CARSEL_PARRISH,
+    Gardner,
+    Retention,
+    VanGenuchten,
+    gardner,
+    moist_weight,
+    soil_class,
+    suction_stress,
+    van_genuchten,
+    zoned,
+)
+from jaxmpm.seepage._step import Problem, problem
+
+__all__ = [
+    "CARSEL_PARRISH",
+    "AtSide",
+    "Cells",
+    "Condition",
+    "Drain",
+    "Draining",
+    "Faces",
+    "Flow",
+    "Gardner",
+    "Heads",
+    "Held",
+    "Open",
+    "Places",
+    "Problem",
+    "Record",
+    "Retention",
+    "Series",
+    "Side",
+    "Status",
+    "VanGenuchten",
+    "cells",
+    "cells_under",
+    "drain",
+    "free_drainage",
+    "gardner",
+    "held_head",
+    "hydrostatic",
+    "infiltration",
+    "moist_weight",
+    "open_face",
+    "problem",
+    "replay",
+    "run",
+    "soil_class",
+    "steady",
+    "suction_stress",
+    "van_genuchten",
+    "zoned",
+]
