@@ -140,18 +140,18 @@ def replacements_of(name: str, baits: Baits) -> dict[str, Change]:
     return {f"{name}: {how}": partial(put, make) for how, make in makes.items()}
 
 
-def lie(folder: Path, number: int = 1, grid: str = "rough", **values: object) -> None:
-    """Change the row of a run, whose checksum is right again: what anyone can do who knows the format."""
+def lie(folder: Path, **values: object) -> None:
+    """Change the row of rough run 1, whose checksum is right again: what anyone can do who knows the format."""
     digest = read_store(folder).digest
     with closing(sqlite3.connect(folder / DATABASE, isolation_level=None)) as database:
         columns = columns_of(database)
-        for name, value in values.items():
-            database.execute(f'UPDATE run SET "{name}" = ? WHERE grid = ? AND sample = ?', (value, grid, number))
-        grid, number = str(values.get("grid", grid)), values.get("sample", number)  # type: ignore[assignment]
-        where = " WHERE grid = ? AND sample IS ?"
-        row = database.execute(f"SELECT * FROM run{where}", (grid, number)).fetchone()
+        changed = ", ".join(f'"{name}" = ?' for name in values)
+        database.execute(
+            f"UPDATE run SET {changed}, sha256 = '' WHERE grid = 'rough' AND sample = 1", tuple(values.values())
+        )
+        row = database.execute("SELECT * FROM run WHERE sha256 = ''").fetchone()
         right = checksum(digest, dict(zip(columns, row, strict=True)))
-        database.execute(f"UPDATE run SET sha256 = ?{where}", (right, grid, number))
+        database.execute("UPDATE run SET sha256 = ? WHERE sha256 = ''", (right,))
 
 
 def by_sql(*statements: str) -> Maker:
@@ -186,13 +186,15 @@ def _rows_that_lie() -> dict[str, Maker]:
         "no coefficients": {"coefficients": None},
         "versions that are no JSON": {"versions": "jaxmpm 1"},
         "versions nested without end": {"versions": "[" * 60_000},
-        "versions that are numbers": {"versions": '{"jaxmpm": 1}'},
+        "versions that are a list": {"versions": '["jaxmpm"]'},
+        "of no grid": {"grid": "finest"},
         "fields of another": {"fields_sha256": "0" * 64},
-        "fields elsewhere": {"fields_sha256": "../../outside/bait"},
+        "fields elsewhere": {"fields_sha256": "/../../../outside/bait"},
+        "fields by a number": {"fields_sha256": 7},
     }
 
     def row(changes: dict[str, object]) -> Maker:
-        return lambda folder: lie(folder, **changes)  # type: ignore[arg-type]
+        return partial(lie, **changes)
 
     return {f"row: {name}": row(changes) for name, changes in values.items()} | {
         "row: changed": by_sql("UPDATE run SET displacement = 1e-3 WHERE sample = 1"),
@@ -318,10 +320,13 @@ def hand_made(baits: Baits) -> Mapping[str, Maker]:
 
 
 def _no_databases() -> dict[str, Callable[[Path], None]]:
+    def holding(content: bytes, path: Path) -> None:
+        path.write_bytes(content)
+
     return {
         "nothing": lambda path: path.touch(),
-        "text": lambda path: path.write_text("no SQLite " * 100) and None,
-        "header alone": lambda path: path.write_bytes(b"SQLite format 3\0" + bytes(84)) and None,
+        "text": partial(holding, b"no SQLite " * 100),
+        "header alone": partial(holding, b"SQLite format 3\0" + bytes(84)),
         "a terabyte of nothing": _sparse,
     }
 

@@ -55,9 +55,7 @@ TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SUMMARY)
 """Names of the texts of table `campaign`: the scene in TOML, and the others in JSON."""
 
 CAMPAIGN = "CREATE TABLE campaign (name TEXT PRIMARY KEY, value TEXT NOT NULL, sha256 TEXT NOT NULL) WITHOUT ROWID"
-TYPES: dict[str, tuple[type, ...]] = {
-    "REAL": (float,), "INTEGER": (int,), "BOOLEAN": (int,), "TEXT": (str,), "BLOB": (bytes,)
-}  # fmt: skip
+TYPES = {"REAL": float, "INTEGER": int, "BOOLEAN": int, "TEXT": str, "BLOB": bytes}
 """Types that columns are declared with, and those that their values then have."""
 MEASURES = {
     "displacement": "REAL", "broke_off": "BOOLEAN", "depth": "REAL", "runout": "REAL", "volume": "REAL",

@@ -20,21 +20,8 @@ from contextlib import closing, contextmanager, suppress
 from datetime import date
 from pathlib import Path
 
-from cooperative.store._database import (
-    ABOUT,
-    BESIDE,
-    DATABASE,
-    MEASURES,
-    SCENE,
-    SUMMARY,
-    connect,
-    create,
-    integrity,
-    mend,
-    read_value,
-    sum_of,
-    write_value,
-)
+from cooperative.store import _database as sql
+from cooperative.store._database import DATABASE
 from cooperative.store._runs import FIELDS, STORED, fields_path, read_fields_file
 from cooperative.store._samples import Store, package_versions
 from cooperative.store._source import MOST_TEXT, SCRIPTS, Source, differences, source_from, table_of
@@ -86,13 +73,13 @@ def open_store(
         # Another controller may have begun since, and ended.
         there = refuse_another(folder, source)
         if there is None:
-            texts = {} if source.text is None else {SCENE: source.text}
-            create(path, {**texts, BESIDE: json.dumps(source.beside)}, ABOUT | MEASURES)
-        connection = connect(path, write=True)
-        if (problem := integrity(connection)) != "ok":
+            texts = {} if source.text is None else {sql.SCENE: source.text}
+            sql.create(path, {**texts, sql.BESIDE: json.dumps(source.beside)}, sql.ABOUT | sql.MEASURES)
+        connection = sql.connect(path, write=True)
+        if (problem := sql.integrity(connection)) != "ok":
             connection.close()
-            mend(path, source.digest if there is None else there.digest, problem)
-            connection = connect(path, write=True)
+            sql.mend(path, source.digest if there is None else there.digest, problem)
+            connection = sql.connect(path, write=True)
         _write_readme(folder, source)
         store = Store(folder, there or source, lock, connection)
         _claim_fields(store, look if verify else None)
@@ -124,7 +111,10 @@ def _claim_fields(store: Store, look: Callable[[], None] | None) -> None:
         rows = database.execute(
             "SELECT grid, sample, fields_sha256 FROM run WHERE fields_sha256 IS NOT NULL"
         ).fetchall()
-    sums = {fields_path(store.folder, *row): row[2] for row in rows}
+    sums = {}
+    for row in rows:
+        with suppress(DamagedFile, TypeError):  # which whoever reads that row names
+            sums[fields_path(store.folder, *row)] = row[2]
     made = [path for name in (*(f"{grid}-*.h5" for grid in STORED), ".*.part") for path in folder.glob(name)]
     for path in made:
         if path not in sums:
@@ -167,8 +157,8 @@ def stored_source(folder: Path) -> Source | None:
     path = folder / DATABASE
     if not os.path.lexists(path):
         return None
-    with closing(connect(path)) as connection:
-        text, beside = (read_value(path, connection, name) for name in (SCENE, BESIDE))
+    with closing(sql.connect(path)) as connection:
+        text, beside = (sql.read_value(path, connection, name) for name in (sql.SCENE, sql.BESIDE))
     if beside is None:
         raise DamagedFile(f"{path} has no scene any more: put back a copy, or give another folder")
     return source_from(text, beside, str(path))
@@ -188,8 +178,8 @@ def stored_text(folder: Path, name: str) -> str | None:
     path = folder / DATABASE
     if not os.path.lexists(path):
         return None
-    with closing(connect(path)) as connection:
-        return read_value(path, connection, name)
+    with closing(sql.connect(path)) as connection:
+        return sql.read_value(path, connection, name)
 
 
 def store_text(store: Store, name: str, text: str) -> None:
@@ -206,7 +196,7 @@ def store_text(store: Store, name: str, text: str) -> None:
     with store.writing() as database:
         there = database.execute("SELECT value FROM campaign WHERE name = ?", (name,)).fetchone()
         if there != (text,):
-            write_value(database, name, text)
+            sql.write_value(database, name, text)
 
 
 def contents_sum(store: Store) -> str:
@@ -221,7 +211,7 @@ def contents_sum(store: Store) -> str:
     """
     sums = "SELECT sha256 FROM campaign WHERE name <> ? UNION ALL SELECT sha256 FROM run ORDER BY 1"
     with store.reading() as database:
-        return sum_of(*(str(each) for (each,) in database.execute(sums, (SUMMARY,))))
+        return sql.sum_of(*(str(each) for (each,) in database.execute(sums, (sql.SUMMARY,))))
 
 
 def refuse_another(folder: Path, source: Source) -> Source | None:

@@ -11,40 +11,25 @@ import hashlib
 import io
 import json
 import math
+import re
 import time
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
+from typing import Any, cast
 
 import h5py
 import numpy as np
 
 from cooperative.names import GRIDS
-from cooperative.store._database import (
-    ABOUT,
-    TYPES,
-    Row,
-    Value,
-    checksum,
-    columns_of,
-    insert,
-    refuse_damaged,
-)
-from cooperative.store._samples import (
-    COARSE,
-    SLIDES,
-    Record,
-    Rows,
-    Sample,
-    Store,
-    package_versions,
-    rows_of,
-)
+from cooperative.store import _database as sql
+from cooperative.store import _samples
+from cooperative.store._database import Row, Value
+from cooperative.store._samples import COARSE, SLIDES, Record, Rows, Sample, Store, rows_of
 from jaxmpm.support import files, hdf5
 from jaxmpm.support.files import DamagedFile
-from jaxmpm.support.hdf5 import Scalar
 from jaxmpm.support.text import printable, shown
 
 FIELDS = "fields"
@@ -53,7 +38,7 @@ STORED = (COARSE, *GRIDS, SLIDES)
 OF_GRID = f"grid = ? OR grid NOT IN ({', '.join('?' * len(STORED))})"
 """Rows of a grid, and those of none, which are damaged."""
 COLUMN_TYPES = {bool: "BOOLEAN", int: "INTEGER", float: "REAL", str: "TEXT"}
-REQUIRED = {*ABOUT, "displacement", "broke_off"} - {"fields_sha256"}
+REQUIRED = {*sql.ABOUT, "displacement", "broke_off"} - {"fields_sha256"}
 
 
 def fields_path(folder: Path, grid: str, number: int, sha256: str) -> Path:
@@ -64,7 +49,12 @@ def fields_path(folder: Path, grid: str, number: int, sha256: str) -> Path:
         grid: "coarse", "rough", "refined" or "slides".
         number: of the sample.
         sha256: of the file.
+
+    Raises:
+        DamagedFile: that is no SHA-256, and might lead elsewhere.
     """
+    if grid not in STORED or not re.fullmatch("[0-9a-f]{64}", sha256):
+        raise DamagedFile(f"names no file of fields by {shown(sha256)}")
     return folder / FIELDS / f"{grid}-{number:06d}-{sha256[:12]}.h5"
 
 
@@ -107,9 +97,9 @@ def write_sample(store: Store, grid: str, sample: Sample, *, longer: bool = Fals
         )
     columns, row = row_of(store, grid, sample)
     with store.writing() as database:
-        for name in columns.keys() - columns_of(database).keys():
+        for name in columns.keys() - sql.columns_of(database).keys():
             database.execute(f'ALTER TABLE run ADD COLUMN "{name}" {columns[name]}')
-        insert(database, row)
+        sql.insert(database, row)
     if there is not None and there[0] not in (None, row["fields_sha256"]):
         fields_path(store.folder, grid, sample.number, there[0]).unlink(missing_ok=True)
     restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
@@ -122,11 +112,11 @@ def row_of(store: Store, grid: str, sample: Sample) -> tuple[dict[str, str], dic
     """
     measured = {name: value.item() if isinstance(value, np.generic) else value for name, value in sample.row.items()}
     with store.reading() as database:
-        columns = columns_of(database)
+        columns = sql.columns_of(database)
     for name, value in measured.items():
         kind = columns.setdefault(name, COLUMN_TYPES.get(type(value), "none"))
         value = float(value) if kind == "REAL" and type(value) is int else value
-        if name in ABOUT or not name.isidentifier() or COLUMN_TYPES.get(type(value)) != kind:
+        if name in sql.ABOUT or not name.isidentifier() or COLUMN_TYPES.get(type(value)) != kind:
             raise ValueError(f"sample {sample.number} has {shown(name)} = {shown(value)}: a row has no such {kind}")
         measured[name] = value
     sha256 = _write_fields(store, grid, sample) if sample.fields else None
@@ -139,13 +129,13 @@ def row_of(store: Store, grid: str, sample: Sample) -> tuple[dict[str, str], dic
         "written": time.time(),
         "dtype": sample.dtype,
         "device": sample.device,
-        "versions": json.dumps(dict(sample.versions or package_versions()), sort_keys=True),
+        "versions": json.dumps(dict(sample.versions or _samples.package_versions()), sort_keys=True),
         "fields_sha256": sha256,
         "coefficients": np.asarray(sample.coefficients, "<f8").tobytes(),
         # SQLite has no number for nan.
         **{name: None if isinstance(value, float) and math.isnan(value) else value for name, value in measured.items()},
     }
-    return columns, row | {"sha256": checksum(store.digest, row)}
+    return columns, row | {"sha256": sql.checksum(store.digest, row)}
 
 
 def _write_fields(store: Store, grid: str, sample: Sample) -> str:
@@ -185,42 +175,41 @@ def read_rows(
         DamagedFile: the database is damaged.
         OSError: the system refuses.
     """
-    if store.connection is None:  # the controller has checked when it opened
-        with store.reading() as database:
-            refuse_damaged(store.path, database)
     records, bad = dict[int, Record](), dict[tuple[Value, Value], str]()
     folder = store.folder / FIELDS
-    there = {path.name for path in folder.glob("*.h5")} if not folder.is_symlink() else set[str]()
-    for stored in (grid, SLIDES) if grid == "refined" else (grid,):
-        with store.reading() as database, closing(database.cursor()) as cursor:
-            columns = columns_of(database)
-            for values in cursor.execute(f"SELECT * FROM run WHERE {OF_GRID} ORDER BY sample", (stored, *STORED)):
-                look()
-                row = dict(zip(columns, values, strict=True))
-                try:
-                    record = _record(store.digest, columns, row)
-                    if row["fields_sha256"] is not None:
-                        path = fields_path(folder.parent, stored, record.number, str(row["fields_sha256"]))
-                        if path.name not in there:
-                            raise DamagedFile(f"lacks its file {path.name}")
-                    if why := foreign(record):
-                        raise DamagedFile(why)
-                    records[record.number] = record
-                except DamagedFile as error:
-                    where = f"sample {shown(row['sample'])} of the {printable(str(row['grid']))} grid"
-                    bad[row["grid"], row["sample"]] = f"{store.path}: {where} {error}"
+    there = set[Path]() if folder.is_symlink() else set(folder.glob("*.h5"))
+
+    def trusted(row: Row) -> Record:
+        record = _record(store.digest, columns, row)
+        if (path := _file_of(store, row)) is not None and path not in there:
+            raise DamagedFile(f"lacks its file {path.name}")
+        if why := foreign(record):
+            raise DamagedFile(why)
+        return record
+
+    with store.reading() as database:
+        if store.connection is None:  # the controller has checked when it opened
+            sql.refuse_damaged(store.path, database)
+        columns = sql.columns_of(database)
+        for stored in (grid, SLIDES) if grid == "refined" else (grid,):
+            query = f"SELECT * FROM run WHERE {OF_GRID} ORDER BY sample"
+            with closing(database.execute(query, (stored, *STORED))) as found:
+                for values in found:
+                    look()
+                    row = dict(zip(columns, values, strict=True))
+                    try:
+                        record = trusted(row)
+                        records[record.number] = record
+                    except DamagedFile as error:
+                        key = row["grid"], row["sample"]
+                        bad[key] = f"{store.path}: sample {shown(key[1])} of the {printable(str(key[0]))} grid {error}"
     if bad and store.connection is not None:
-        _delete(store, bad)
+        aside = files.copy_aside(store.path)
+        for why in bad.values():
+            warnings.warn(f"{why}: set aside in {aside.name}, the sample is run again", stacklevel=2)
+        with store.writing() as database:
+            database.executemany("DELETE FROM run WHERE grid IS ? AND sample IS ?", bad)
     return rows_of(list(records.values()), tuple(bad.values()))
-
-
-def _delete(store: Store, bad: Mapping[tuple[Value, Value], str]) -> None:
-    """Delete runs that cannot be trusted from the database, of which a copy stays."""
-    aside = files.copy_aside(store.path)
-    for why in bad.values():
-        warnings.warn(f"{why}: set aside in {aside.name}, the sample is run again", stacklevel=3)
-    with store.writing() as database:
-        database.executemany("DELETE FROM run WHERE grid IS ? AND sample IS ?", bad)
 
 
 def read_sample(store: Store, grid: str, number: int) -> Sample:
@@ -235,41 +224,43 @@ def read_sample(store: Store, grid: str, number: int) -> Sample:
         DamagedFile: it cannot be trusted.
         ValueError: it has not run.
     """
-    row: Row | None = None
+    grids = ("refined", SLIDES) if grid == "refined" else (grid, grid)
     with store.reading() as database:
-        columns = columns_of(database)
-        for stored in (SLIDES, grid) if grid == "refined" else (grid,):
-            values = database.execute("SELECT * FROM run WHERE grid = ? AND sample = ?", (stored, number)).fetchone()
-            if values is not None:
-                row = dict(zip(columns, values, strict=True))
-                break
-    if row is None:
+        columns = sql.columns_of(database)
+        of_both = "SELECT * FROM run WHERE grid IN (?, ?) AND sample = ? ORDER BY grid DESC"
+        values = database.execute(of_both, (*grids, number)).fetchone()
+    if values is None:
         raise ValueError(f"sample {number} of the {grid} grid is not in {store.path}: give one that has run")
+    row = dict(zip(columns, values, strict=True))
     try:
-        record = _record(store.digest, columns, row)
-        fields = {} if row["fields_sha256"] is None else _read_fields(store, stored, number, str(row["fields_sha256"]))
+        record, path = _record(store.digest, columns, row), _file_of(store, row)
+        return Sample(
+            number=number,
+            status=record.status,
+            steps=record.steps,
+            seconds=record.seconds,
+            coefficients=np.frombuffer(cast(bytes, row["coefficients"]), "<f8"),
+            row=record.row,
+            fields={} if path is None else _read_fields(path, row["fields_sha256"]),
+            dtype=str(row["dtype"]),
+            device=str(row["device"]),
+            versions=record.versions,
+        )
     except DamagedFile as error:
-        raise DamagedFile(
-            f"{store.path}: sample {number} of the {grid} grid {error}: `jaxmpm resume --verify` sets it aside "
-            "and runs it again"
-        ) from error
-    return Sample(
-        number=number,
-        status=record.status,
-        steps=record.steps,
-        seconds=record.seconds,
-        coefficients=np.frombuffer(row["coefficients"], "<f8"),  # type: ignore[call-overload]
-        row=record.row,
-        fields=fields,
-        dtype=str(row["dtype"]),
-        device=str(row["device"]),
-        versions=record.versions,
+        where = f"{store.path}: sample {number} of the {grid} grid"
+        raise DamagedFile(f"{where} {error}: `jaxmpm resume --verify` sets it aside and runs it again") from error
+
+
+def _file_of(store: Store, row: Row) -> Path | None:
+    """The file of the fields of a run, None where it keeps none."""
+    sha256 = row["fields_sha256"]
+    return (
+        None if sha256 is None else fields_path(store.folder, str(row["grid"]), cast(int, row["sample"]), str(sha256))
     )
 
 
-def _read_fields(store: Store, grid: str, number: int, sha256: str) -> dict[str, np.ndarray]:
+def _read_fields(path: Path, sha256: Value) -> dict[str, np.ndarray]:
     """The fields of a run; DamagedFile where their file is not as its row says."""
-    path = fields_path(store.folder, grid, number, sha256)
     try:
         data = read_fields_file(path)
     except OSError as error:
@@ -289,38 +280,34 @@ def read_fields_file(path: Path) -> bytes:
 
 def _record(digest: str, columns: Mapping[str, str], row: Row) -> Record:
     """The record in a row; DamagedFile if it cannot be trusted."""
-    if row["sha256"] != checksum(digest, row):
+    if row["sha256"] != sql.checksum(digest, row):
         raise DamagedFile("does not match its checksum")
-    measured: dict[str, Scalar] = {}
     for name, value in row.items():
-        if value is None:
-            if name in REQUIRED:
-                raise DamagedFile(f"lacks {name}")
-            continue
-        if type(value) not in TYPES[columns[name]] or (isinstance(value, str) and not value.isprintable()):
+        if not _may_hold(name, columns[name], value):
             raise DamagedFile(f"holds {name} = {shown(value)}")
-        if name not in ABOUT:
-            assert not isinstance(value, bytes)
-            measured[name] = bool(value) if columns[name] == "BOOLEAN" else value
-    if not 0 <= float(measured["displacement"]) < math.inf:
-        raise DamagedFile(f"holds a largest displacement of {measured['displacement']} m")
-    blob, versions = row["coefficients"], _versions(str(row["versions"]))
-    assert isinstance(blob, bytes)
-    if len(blob) % 8:
-        raise DamagedFile(f"holds coefficients of {len(blob)} bytes")
-    return Record(
-        int(row["sample"]), str(row["status"]), int(row["steps"]), float(row["seconds"]), measured,  # type: ignore
-        len(blob) // 8, float(row["written"]), versions,  # type: ignore[arg-type]
-    )  # fmt: skip
+    there: dict[str, Any] = {name: value for name, value in row.items() if value is not None}
+    measured = {
+        name: bool(there[name]) if columns[name] == "BOOLEAN" else there[name] for name in there.keys() - sql.ABOUT
+    }
+    about = (there[name] for name in ("sample", "status", "steps", "seconds"))
+    return Record(*about, measured, len(there["coefficients"]) // 8, there["written"], _versions(there["versions"]))
+
+
+def _may_hold(name: str, kind: str, value: Value) -> bool:
+    """Whether a run may have this value in a column."""
+    if value is None:
+        return name not in REQUIRED
+    if type(value) is not sql.TYPES[kind] or (isinstance(value, str) and not value.isprintable()):
+        return False
+    if isinstance(value, bytes):
+        return len(value) % 8 == 0
+    return value in STORED if name == "grid" else name != "displacement" or 0 <= float(value) < math.inf
 
 
 @lru_cache
 def _versions(text: str) -> Mapping[str, str]:
     """Packages and their versions; DamagedFile for anything else."""
     try:
-        versions = json.loads(text)
-    except (ValueError, RecursionError):
-        versions = None
-    if not isinstance(versions, dict) or not all(isinstance(each, str) for each in versions.values()):
-        raise DamagedFile("holds versions that are no names and texts")
-    return versions
+        return {name: f"{version}" for name, version in json.loads(text).items()}
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise DamagedFile("holds versions that are no names and texts") from error

@@ -14,8 +14,6 @@ from jaxmpm.support.text import short
 
 MOST_TEXT = 2**20
 """Bytes that a scene or a lock may have."""
-MOST_BESIDE = 2**26
-"""Bytes that the tables beside a scene may have."""
 MOST_ENTRIES = 10**6
 """Values, lists and tables that a scene and what stands beside it may have."""
 MOST_SPELLED = 2**25

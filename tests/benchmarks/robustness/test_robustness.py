@@ -11,7 +11,7 @@ from benchmarks.robustness import foreign_files, hostile_scenes, lives, robustne
 from benchmarks.robustness.invented import SCENE
 from cooperative import _commands, campaign
 from cooperative.scene import parse
-from cooperative.store import _runs
+from cooperative.store import _database
 from tests.databases import by_sql, delete
 
 SMALL = SCENE.replace("samples = 50", "samples = 16").replace("refined_runs = 15", "refined_runs = 10")
@@ -75,7 +75,7 @@ def test_damage_would_show_if_checksums_were_not_looked_at(finished, monkeypatch
     by_sql(finished, "update run set displacement = displacement + 1 where sample = 3")
     assert not robustness.accepted(finished, expected)
     by_sql(finished, "update run set sha256 = '' where sample = 3")
-    monkeypatch.setattr(_runs, "checksum", lambda digest, row: row["sha256"])
+    monkeypatch.setattr(_database, "checksum", lambda digest, row: row["sha256"])
     assert robustness.accepted(finished, expected)
 
 

@@ -11,7 +11,7 @@ from benchmarks.robustness import invented, lives
 from benchmarks.robustness.invented import SCENE
 from cooperative import campaign, reporting
 from cooperative.__main__ import main
-from cooperative.store import _runs, open_store, read_rows, read_sample, read_store, write_sample
+from cooperative.store import _database, open_store, read_rows, read_sample, read_store, write_sample
 from tests.databases import delete, fields_file, finished, spoil
 
 pytestmark = pytest.mark.usefixtures("made_up")
@@ -92,7 +92,7 @@ def test_a_file_that_rotted_unseen_is_redone_when_asked_to_verify(undisturbed, t
 def test_a_full_disk_stops_with_a_message_and_room_lets_it_go_on(after, undisturbed, tmp_path, monkeypatch, capsys):
     scene, folder = tmp_path / "scene.toml", tmp_path / "full"
     scene.write_text(SCENE)
-    real, written = _runs.insert, []
+    real, written = _database.insert, []
 
     def insert(database, row):
         pages = database.execute("PRAGMA page_count").fetchone()[0]
@@ -101,7 +101,7 @@ def test_a_full_disk_stops_with_a_message_and_room_lets_it_go_on(after, undistur
         written.append(row)
 
     with monkeypatch.context() as patched:
-        patched.setattr(_runs, "insert", insert)
+        patched.setattr(_database, "insert", insert)
         with pytest.warns(UserWarning, match="a slide may reach the end of the ground"):
             assert main(["run", str(scene), "--out", str(folder), "--workers", "1"]) == 2
     printed = capsys.readouterr().err.splitlines()[-1]

@@ -6,7 +6,7 @@ import pytest
 
 from cooperative import run
 from cooperative.__main__ import main
-from cooperative.store import Rows, _runs, mixed_versions, open_store, read_rows, read_store, write_sample
+from cooperative.store import Rows, _samples, mixed_versions, open_store, read_rows, read_store, write_sample
 from cooperative.store._samples import package_versions
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.store.test_store import SCENE, sample
@@ -48,7 +48,7 @@ def test_a_campaign_that_goes_on_under_another_version_says_so(tmp_path, monkeyp
 
     with pytest.raises(Killed):
         run(text, tmp_path, on_phase=killed)
-    monkeypatch.setattr(_runs, "package_versions", lambda: {**package_versions(), "numpy": "9.9"})
+    monkeypatch.setattr(_samples, "package_versions", lambda: {**package_versions(), "numpy": "9.9"})
     summary = run(text, tmp_path)
     here = package_versions()["numpy"]
     (note,) = [note for note in summary.notes if "several versions" in note]
