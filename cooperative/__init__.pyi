@@ -25,6 +25,7 @@ from .estimate import (
 from .exports import export, export_sample
 from .hazard import Maps, hazard_maps
 from .measure import Consequences, FailureMode, consequences, failure_mode
+from .one_run import Slide, slide
 from .reporting import progress_of, report
 from .runs import GridModel, Stopped, build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
 from .scene import (
@@ -76,6 +77,7 @@ __all__ = [
     "SceneSamples",
     "Site",
     "SiteLayer",
+    "Slide",
     "Stopped",
     "Subset",
     "Summary",
@@ -102,6 +104,7 @@ __all__ = [
     "report",
     "run",
     "run_samples",
+    "slide",
     "subset_simulation",
     "two_phase",
     "wilson_interval",

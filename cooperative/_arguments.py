@@ -30,6 +30,10 @@ COMMANDS = {
         "Draw a scene: ground, layers, water, walls, exposed places, and one random field on both grids.",
         "section.toml", "see it, as section.png; in 3D with plotly also as a page that turns",
     ),
+    "slide": (
+        "Run one soil of a scene: does it stand, how far does it go, and when; with pictures and an animation.",
+        "section.toml --divide 1.3", "one slide of its median soil, with its strength divided by 1.3",
+    ),
     "fos": (
         "Compute a slope's factor of safety, by limit equilibrium in seconds and by the solver's limit load.",
         "section.toml --quick", "its factor of safety by limit equilibrium, in seconds",
@@ -92,7 +96,7 @@ def parser() -> argparse.ArgumentParser:
     added = {}
     for name, (does, *_) in COMMANDS.items():
         added[name] = commands.add_parser(name, help=does, description=does, epilog=f"example: {_typed(name)}")
-    for name in ("check", "draw", "fos", "run", "sweep"):
+    for name in ("check", "draw", "slide", "fos", "run", "sweep"):
         _add_scene(added[name])
     for name in ("status", "resume", "report", "export"):
         added[name].add_argument("folder", type=Path, help=FILES["folder"])
@@ -144,6 +148,15 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
     added["check"].add_argument("--seconds", type=float, default=10.0, help="of the trial (%(default)g)")
     added["draw"].add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
     added["draw"].add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
+    slide = added["slide"]
+    soil = slide.add_mutually_exclusive_group()
+    soil.add_argument("--sample", type=int, help="a sample's soil instead of the median")
+    soil.add_argument("--mean", action="store_true", help="the means of all that is random instead of the median")
+    slide.add_argument("--divide", type=float, default=1.0, metavar="R", help="divide strength by this number")
+    slide.add_argument("--grid", choices=GRIDS, default="refined", help="to run on (%(default)s)")
+    slide.add_argument("--frames", type=int, default=40, help="pictures of the animation, at most (%(default)s)")
+    slide.add_argument("--vtk", action="store_true", help="write a series for ParaView too")
+    slide.add_argument("--out", type=Path, help="folder for its files (SCENE-slide)")
     fos = added["fos"]
     fos.add_argument("--k-h", type=float, help="horizontal acceleration over gravity, towards the toe (the scene's)")
     fos.add_argument("--water", type=float, default=0.0, metavar="METRES", help="raise the water level by so much")

@@ -167,6 +167,29 @@ def draw(args: argparse.Namespace) -> None:
     print(*paths, sep="\n")
 
 
+def slide(args: argparse.Namespace) -> None:
+    from tqdm import tqdm
+
+    from cooperative.one_run import lines, slide, write_slide
+    from jaxmpm.support.files import not_linked
+
+    campaign = read_campaigns(args)[0]
+    folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-slide"))
+    end = campaign.run.last(args.grid)
+    with tqdm(total=end, unit="s", bar_format="{l_bar}{bar}| {n:.1f} of {total:g} s {postfix}", disable=None) as bar:
+
+        def progress(seconds: float, displacement: float) -> None:
+            bar.set_postfix_str(f"{displacement:.3g} m", refresh=False)
+            bar.update(min(seconds, end) - bar.n)
+
+        result = slide(
+            campaign, args.sample, mean=args.mean, divide=args.divide, grid=args.grid, frames=args.frames,
+            progress=progress,
+        )  # fmt: skip
+    print(*map(printable, lines(result)), sep="\n")
+    print(*write_slide(result, folder, vtk=args.vtk), sep="\n")
+
+
 def fos(args: argparse.Namespace) -> None:
     from cooperative.tools import safety
     from jaxmpm.support.files import not_linked
@@ -206,7 +229,7 @@ def completion(args: argparse.Namespace) -> None:
 
 
 FUNCTIONS: tuple[Callable[[argparse.Namespace], None], ...] = (
-    *(site, example, new, check, draw, fos, run, status, resume, report, export, sweep, doctor, completion),
+    *(site, example, new, check, draw, slide, fos, run, status, resume, report, export, sweep, doctor, completion),
 )
 COMMANDS = {function.__name__: function for function in FUNCTIONS}
 WITHOUT_JAX = ("example", "new", "completion")

@@ -21,7 +21,7 @@ ROOMS = {
     "kl": "_checks types axis marginal sampling field estimation soil plots",
     "cooperative": (
         "names estimate store measure laboratory example_scenes scene runs summary folder hazard campaign exports "
-        "reporting doctor tools"
+        "reporting one_run doctor tools"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_arguments", "_commands"}}

@@ -1,0 +1,102 @@
+"""One slide: the soil that it is, what it says, and its files; a scene in which nothing is random."""
+
+import numpy as np
+import pytest
+
+from cooperative import runs
+from cooperative.__main__ import main
+from cooperative.one_run import lines, slide
+from cooperative.scene import parse
+
+PLAIN = """
+[slope]
+crest = 8.0
+height = 8.0
+run_per_rise = 1.0
+toe = 16.0
+foundation = 2.0
+[soil]
+strength = 40e3
+unit_weight = 20e3
+young = 2e7
+poisson = 0.3
+softening_modulus = 85e3
+softening_length = "cell"
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+[refined]
+cell = 2.0
+spacing = [1.0, 1.0]
+[run]
+t_end = 4.0
+failure_displacement = 0.5
+[campaign]
+samples = 10
+seed = 3
+k_t = 2
+"""
+RANDOM = PLAIN.replace("strength = 40e3\n", "") + "[strength]\nmean = 40e3\ncov = 0.3\nlength = [20.0, 2.0]\n"
+
+
+@pytest.fixture(scope="module")
+def fails():
+    return slide(parse(PLAIN), divide=3.0)
+
+
+def test_soil_that_is_not_random_stands_and_with_less_strength_slides(fails):
+    stands = slide(parse(PLAIN))
+    assert stands.stands
+    assert stands.failed is None
+    assert "it stands" in "\n".join(lines(stands))
+    assert not fails.stands
+    assert fails.row["displacement"] > fails.failure_displacement
+    assert 0 < fails.failed < fails.row["time"]
+    assert f"it slides {fails.row['displacement']:.3g} m" in "\n".join(lines(fails))
+    assert fails.times[0] == 0
+    assert list(fails.times) == sorted(fails.times)
+    assert len(fails.times) == len(fails.states)
+
+
+def test_a_sample_is_that_of_the_campaign():
+    campaign = parse(RANDOM)
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "refined", soil)
+    coefficients = runs.coefficients_of(campaign, soil)
+    (same,) = runs.run_samples(model, coefficients, [2])
+    one = slide(campaign, 2)
+    for name in ("displacement", "volume", "time"):
+        assert one.row[name] == same.row[name]
+
+
+def test_mean_soil_has_the_mean_and_median_soil_the_median():
+    campaign = parse(RANDOM)
+    of = {mean: slide(campaign, mean=mean, frames=2).scene.material.strength for mean in (True, False)}
+    np.testing.assert_allclose(of[True], 40e3, rtol=1e-5)
+    np.testing.assert_allclose(of[False], 40e3 / np.sqrt(1.09), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("scene", "options", "message"),
+    [
+        (PLAIN, {"sample": 0}, "nothing in the scene is random"),
+        (RANDOM, {"sample": 10}, "the scene has samples 0 to 9"),
+        (RANDOM, {"sample": 1, "mean": True}, "mean soil is that of no sample"),
+        (PLAIN, {"divide": 0.0}, "divide = 0: give a finite value above 0"),
+        (PLAIN, {"frames": 1}, "frames = 1: give a whole number of 2 or more"),
+    ],
+)
+def test_what_does_not_fit_is_refused(scene, options, message):
+    with pytest.raises(ValueError, match=message):
+        slide(parse(scene), **options)
+
+
+def test_the_command_writes_pictures_and_a_series(tmp_path, capsys):
+    scene = tmp_path / "plain.toml"
+    scene.write_text(PLAIN)
+    assert main(["slide", str(scene), "--divide", "3", "--frames", "5", "--vtk"]) == 0
+    printed = capsys.readouterr().out
+    assert "it fails" in printed
+    folder = tmp_path / "plain-slide"
+    assert sorted(path.name for path in folder.iterdir()) == ["profile.png", "slide.gif", "slide.png", "slide.vtkhdf"]
+    assert (folder / "slide.gif").read_bytes().startswith(b"GIF89a")
