@@ -220,7 +220,6 @@ charts.fitted({name: columns[name][ended] for name in labels}, weights, fits, la
 
 # %%
 with contextlib.closing(sqlite3.connect(folder / "campaign.db")) as database, database:
-    print(database.execute("select grid, count(*) from run group by grid").fetchall())
     database.execute("update run set displacement = 0 where grid = 'rough' and sample = 0")
 with warnings.catch_warnings(action="ignore"):  # that names the database, with its path
     again = run(scene, folder)
