@@ -15,7 +15,7 @@
 #   in the precision of the grid and for shear bands `band` metres thick. What is random is a field of the soil under
 #   the same name; its mean comes from `RandomField`.
 # - **Nothing that cannot be sent or written down.** Workers get the classes of the cell with the campaign, by
-#   cloudpickle. The folder keeps numbers, and of your classes a checksum of their source.
+#   cloudpickle. The folder keeps numbers, and of your classes their names and a checksum of their file.
 #
 # The law is Tresca's: the shear stress $\tau = \sqrt{J_2}$ of clay that is sheared without drainage is at most
 #

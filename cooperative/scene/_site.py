@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -60,7 +58,12 @@ class SiteLayer:
     @property
     def label(self) -> str:
         """Its name in messages."""
-        return self.name if self.name.startswith("layer ") else f"layer {shown(self.name)}"
+        return self.name if self.unnamed else f"layer {shown(self.name)}"
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether its name is its number."""
+        return self.name.startswith("layer ")
 
 
 @dataclass(frozen=True)
@@ -114,26 +117,15 @@ class Site:
         frictional = any(getattr(each.soil, "friction", None) is not None for each in layers)
         # Without friction it determines the strength, and is no load on soil in total stress.
         r_u = self.r_u if frictional or not self.by_stress(soil) else None
-        with self._naming_layers():
-            return ground.build_ground(
-                self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water,
-                r_u=r_u, **loads,
-            )  # fmt: skip
-
-    @contextmanager
-    def _naming_layers(self) -> Iterator[None]:
-        """Have errors of the ground name layers as the scene does, where it has them by number."""
-        try:
-            yield
-        except ValueError as error:
-            labels = {f"layer {number}": each.label for number, each in enumerate(self.layers, 1)}
-            text = re.sub(r"\blayer \d+\b", lambda number: labels.get(number[0], number[0]), str(error))
-            raise ValueError(text) from error
+        return ground.build_ground(
+            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water,
+            r_u=r_u, **loads,
+        )  # fmt: skip
 
     @property
     def _bare(self) -> list[Layer]:
         """Its layers as the solver has them."""
-        return [each.layer for each in self.layers]
+        return [replace(each.layer, name=None if each.unnamed else each.name) for each in self.layers]
 
     @property
     def height(self) -> float:
@@ -169,14 +161,12 @@ class Site:
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
         """Number of the layer (N,) in which each point (d, N) m lies, None where there are none."""
-        with self._naming_layers():
-            return ground.layer_of(self.shape, self._bare, position, numerics) if self.layers else None
+        return ground.layer_of(self.shape, self._bare, position, numerics) if self.layers else None
 
     @property
     def thicknesses(self) -> list[Thickness]:
         """That of each layer; none where there are none."""
-        with self._naming_layers():
-            return ground.thicknesses(self.shape, self._bare) if self.layers else []
+        return ground.thicknesses(self.shape, self._bare) if self.layers else []
 
     def values_of(self, parameter: str, field: RandomField) -> tuple[RandomField | float, ...]:
         """What a parameter that varies is in each layer.
@@ -216,8 +206,7 @@ class Site:
 
     def box_of(self, number: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Lowest corner and edges (d,) m of a box that holds a layer, the same for every grid."""
-        with self._naming_layers():
-            return ground.box_of(self.shape, self._bare, number)
+        return ground.box_of(self.shape, self._bare, number)
 
     @property
     def span(self) -> Span:

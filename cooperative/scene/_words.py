@@ -12,12 +12,12 @@ import enum
 import hashlib
 import inspect
 import json
+import linecache
 import math
+import sys
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from functools import cache
-from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -205,12 +205,18 @@ def _own_in(value: object) -> Iterator[type | FunctionType]:
 
 
 def _scripts_of(campaign: Campaign) -> dict[str, str]:
-    """SHA-256 of the files that define classes and functions of the user's own, by their names."""
-    sums = {}
-    for own in _own_in({name: getattr(campaign, name) for name in _fields_of_script(campaign)}):
-        with suppress(OSError, TypeError):  # of no file, as in a notebook
-            sums[_name_of(own)] = hashlib.sha256(Path(inspect.getfile(own)).read_bytes()).hexdigest()
-    return sums
+    """SHA-256 of what defines classes and functions of the user's own, by their names."""
+    every = _own_in({name: getattr(campaign, name) for name in _fields_of_script(campaign)})
+    return {_name_of(own): hashlib.sha256(_script_of(own).encode()).hexdigest() for own in every}
+
+
+def _script_of(own: type | FunctionType) -> str:
+    """Text of the file, or of a notebook's cell, that defines a class or a function."""
+    parts = [own] if isinstance(own, FunctionType) else vars(own).values()
+    names = {part.__code__.co_filename for part in parts if isinstance(part, FunctionType)}
+    names.add(getattr(sys.modules.get(own.__module__), "__file__", None) or "")
+    linecache.checkcache()
+    return "".join(line for name in sorted(names) for line in linecache.getlines(name))
 
 
 def _fields_of_script(campaign: Campaign) -> list[str]:

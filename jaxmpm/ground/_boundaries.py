@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmpm.ground._base import check_bedrock
-from jaxmpm.ground._layer import Layer, Line, check_ends
+from jaxmpm.ground._layer import Layer, Line, check_ends, labels
 from jaxmpm.ground._raster import Raster
 from jaxmpm.laws import WaterTable
 from jaxmpm.setup import RESOLVED, Discretisation, below
@@ -137,7 +137,7 @@ def layering(outline: Outline, layers: Sequence[Layer], discretisation: Discreti
     left, right = outline.walls
     columns = left + (np.arange(round((right - left) / dx)) + 0.5) * dx
     x = np.r_[left, columns, right]
-    _refuse_thin(x, [np.maximum(top(x), outline.floor(x)) for top in tops], dz)
+    _refuse_thin(x, [np.maximum(top(x), outline.floor(x)) for top in tops], dz, labels(layers))
     return tops
 
 
@@ -160,8 +160,9 @@ def tops_of(outline: Outline, layers: Sequence[Layer], spacing: float) -> list[H
     check_ends(layers)
     tops: list[Height] = [outline.heights]
     x = knots(outline, layers)
-    for number, layer in enumerate(layers[:-1], 1):
-        name = f"bottom of layer {number}"
+    names = labels(layers)
+    for number, layer in enumerate(layers[:-1]):
+        name = f"bottom of {names[number]}"
         if layer.bottom is not None:
             points = points_of(name, layer.bottom)
             tops.append(_boundary(name, points, tops[-1], ends, touching=TOUCHING * spacing))
@@ -172,7 +173,7 @@ def tops_of(outline: Outline, layers: Sequence[Layer], spacing: float) -> list[H
         beyond = tops[-1](x) - tops[-2](x)
         worst = int(np.argmax(beyond))
         if beyond[worst] > TOUCHING * spacing:
-            upper = "the surface" if number == 1 else f"the bottom of layer {number - 1}"
+            upper = f"the bottom of {names[number - 1]}" if number else "the surface"
             raise ValueError(
                 f"the {name} crosses {upper}: at x = {x[worst]:g} m it is {beyond[worst]:g} m higher, at z = "
                 f"{tops[-1](x)[worst]:g} m; draw it below, or end it where they meet"
@@ -184,8 +185,8 @@ def knots(outline: Outline, layers: Sequence[Layer]) -> np.ndarray:
     """Positions x (n,) m just before and just after every point of the surface and of the layers' boundaries."""
     surface, (left, right), _, bedrock = outline
     lines = [
-        points_of(f"bottom of layer {number}", layer.bottom)
-        for number, layer in enumerate(layers, 1)
+        points_of(f"bottom of {name}", layer.bottom)
+        for name, layer in zip(labels(layers), layers, strict=True)
         if layer.bottom is not None
     ]
     if bedrock is not None:
@@ -233,15 +234,16 @@ def layer_at(tops: Sequence[Height], position: np.ndarray, spacing: float) -> np
     return layer
 
 
-def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
+def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float, names: Sequence[str]) -> None:
     """Raise ValueError for a layer thinner than a particle, except where it tapers to nothing.
 
     Args:
         x: of both walls and of the columns of particles between them (m).
         spacing: of particles along z (m).
         tops: heights (n,) m there of the layers' upper boundaries and of the base.
+        names: of the layers.
     """
-    for number, (top, bottom) in enumerate(pairwise(tops), 1):
+    for name, (top, bottom) in zip(names, pairwise(tops), strict=True):
         thickness = top - bottom
         size = np.where(thickness < spacing * (1 - RESOLVED), np.where(thickness > TOUCHING * spacing, 1, 0), 2)
         ends, size = size[[0, -1]], size[1:-1]
@@ -255,17 +257,19 @@ def _refuse_thin(x: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> N
             if kind == 1 and {before, after} != {0, 2}:
                 at = start + 1
                 raise ValueError(
-                    f"layer {number} is {thickness[at]:g} m thick at ({x[at]:g}, {bottom[at]:g}) m, less than "
+                    f"{name} is {thickness[at]:g} m thick at ({x[at]:g}, {bottom[at]:g}) m, less than "
                     f"a particle of {spacing:g} m: take smaller particles, or draw it thicker"
                 )
         if not (size == 2).any():
-            raise ValueError(f"layer {number} holds no particle between the walls: draw it there, or leave it out")
+            raise ValueError(f"{name} holds no particle between the walls: draw it there, or leave it out")
 
 
-def check_alike(outline: Outline, tops: Sequence[Height], table: WaterTable | None, spacing: float) -> None:
+def check_alike(
+    outline: Outline, tops: Sequence[Height], table: WaterTable | None, spacing: float, names: Sequence[str]
+) -> None:
     """Raise ValueError unless every line is as high at one wall as at the other, so that they can be tied."""
     ends = outline.walls
-    lines = {f"top of layer {number}": top(np.array(ends)) for number, top in enumerate(tops[:-1], 1)}
+    lines = {f"top of {name}": top(np.array(ends)) for name, top in zip(names, tops, strict=False)}
     if table is not None:
         lines["water"] = np.interp(ends, table.x, table.z)
     for name, (left, right) in lines.items():

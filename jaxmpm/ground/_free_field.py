@@ -66,14 +66,14 @@ def with_free_field(
     return replace(scene, free_field=replace(field, held=-net - traction)), state
 
 
-def check_level(tops: Sequence[Height], outline: Outline, discretisation: Discretisation) -> None:
+def check_level(tops: Sequence[Height], outline: Outline, discretisation: Discretisation, names: Sequence[str]) -> None:
     """Raise ValueError unless the surface and layers are level within a cell of each wall, to half a particle."""
     left, right = outline.walls
     for wall, within in ((left, left + discretisation.cell), (right, right - discretisation.cell)):
-        for number, top in enumerate(tops[:-1], 1):
+        for name, top in zip(names, tops, strict=False):
             at, inside = top(np.array([wall, within]))
             if abs(at - inside) > discretisation.spacing[-1] / 2:
                 raise ValueError(
-                    f"ends = 'free field', but the top of layer {number} goes from {inside:g} to {at:g} m within a "
+                    f"ends = 'free field', but the top of {name} goes from {inside:g} to {at:g} m within a "
                     f"cell of the wall at x = {wall:g} m: draw it on level there, ground beyond it is taken as level"
                 )

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxmpm.ground._ground import Ground, layer_of
-from jaxmpm.ground._layer import Box, Layer
+from jaxmpm.ground._layer import Box, Layer, labels
 from jaxmpm.ground._seam import Thickness, thicknesses_of
 from jaxmpm.setup import Discretisation
 
@@ -119,7 +119,7 @@ def box_of(ground: Ground, layers: Sequence[Layer], number: int) -> Box:
     probed, step = _probed(ground, layers)
     at = np.argwhere(probed == number)
     if not at.size:
-        raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
+        raise ValueError(f"{labels(layers)[number]} lies nowhere between the walls: draw it there, or leave it out")
     low, high = np.maximum(at.min(axis=0) - 1, 0), np.minimum(at.max(axis=0) + 2, probed.shape)
     return tuple((ground.corner + low * step).tolist()), tuple(((high - low) * step).tolist())
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxmpm.ground._layer import Layer
+from jaxmpm.ground._layer import Layer, labels
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
 
@@ -103,7 +103,7 @@ def warn_of_seams(layers: Sequence[Layer], measured: Sequence[Thickness], cell: 
         measured: thickness of each.
         cell: edge of a cell (m).
     """
-    for number, (layer, thickness) in enumerate(zip(layers, measured, strict=True), 1):
+    for name, layer, thickness in zip(labels(layers), layers, measured, strict=True):
         warning = thickness.too_thin(cell)
         if warning is not None and not getattr(layer.soil, "unusual", False):
-            check.warn(f"layer {number} {warning} If that is intended, give its soil unusual=True")
+            check.warn(f"{name} {warning} If that is intended, give its soil unusual=True")

@@ -30,7 +30,7 @@ from jaxmpm.ground._boundaries import (
 from jaxmpm.ground._fill import box_cells, box_grid, lattice
 from jaxmpm.ground._free_field import check_free_field, check_level, with_free_field
 from jaxmpm.ground._ground import Face
-from jaxmpm.ground._layer import Box, Layer, Line
+from jaxmpm.ground._layer import Box, Layer, Line, labels
 from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, under, water_table
 from jaxmpm.ground._seam import Thickness, thicknesses_of, warn_of_seams
 from jaxmpm.laws import BaseMotion, WaterTable
@@ -206,7 +206,7 @@ class Section:
         top, bottom = heights[number : number + 2]
         thick = np.flatnonzero(top > bottom)
         if not thick.size:
-            raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
+            raise ValueError(f"{labels(layers)[number]} lies nowhere between the walls: draw it there, or leave it out")
         near = slice(max(thick[0] - 1, 0), thick[-1] + 2)
         low = (float(x[near][0]), float(bottom[near].min()))
         return low, (float(x[near][-1]) - low[0], float(top[near].max()) - low[1])
@@ -298,10 +298,10 @@ def section(
     wet = None if table is None else under(table)
     particles, law = lattice(shape, layers, discretisation, grid, bedrock=bedrock, wet=wet)
     if ends == "tied":
-        check_alike(outline, tops, table, discretisation.spacing[-1])
+        check_alike(outline, tops, table, discretisation.spacing[-1], labels(layers))
     if ends == "free field":
         check_free_field(discretisation, shape.interface)
-        check_level(tops, outline, discretisation)
+        check_level(tops, outline, discretisation, labels(layers))
     upright = () if ends == "tied" else end_walls(0, cells[0], *HELD.get(ends, HELD["roller"]))
     warn_of_seams(layers, shape.thicknesses(layers), discretisation.cell)
     x = np.clip(grid.origin[0] + np.arange(grid.shape[0]) * grid.cell, *outline.walls)

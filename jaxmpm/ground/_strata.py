@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxmpm.ground._layer import Layer, check_ends
+from jaxmpm.ground._layer import Layer, check_ends, labels
 from jaxmpm.ground._raster import DEEPEST, Raster
 from jaxmpm.setup import RESOLVED
 
@@ -32,7 +32,7 @@ def bottoms(
     """
     check_ends(layers)
     bounds = [surface]
-    for number, layer in enumerate(layers[:-1], 1):
+    for name, layer in zip(labels(layers[:-1]), layers[:-1], strict=True):
         if layer.depth is not None:
             bottom = surface - layer.depth
         elif layer.thickness is not None:
@@ -40,22 +40,20 @@ def bottoms(
         elif isinstance(layer.bottom, Raster):
             bottom = layer.bottom.at(x, y)
         else:
-            raise ValueError(
-                f"the bottom of layer {number} is a line: under a terrain give a raster, depth or thickness"
-            )
-        refuse_holes(f"the bottom of layer {number}", bottom, x, y)
+            raise ValueError(f"the bottom of {name} is a line: under a terrain give a raster, depth or thickness")
+        refuse_holes(f"the bottom of {name}", bottom, x, y)
         beyond = bottom - bounds[-1]
         worst = int(np.argmax(beyond)) if beyond.size else 0
         if beyond.size and beyond[worst] > spacing:
             raise ValueError(
-                f"the bottom of layer {number} lies {beyond[worst]:g} m above the one above it at ({x[worst]:g}, "
+                f"the bottom of {name} lies {beyond[worst]:g} m above the one above it at ({x[worst]:g}, "
                 f"{y[worst]:g}) m: draw it below"
             )
         bounds.append(np.minimum(bottom, bounds[-1]))
     return bounds[1:]
 
 
-def refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float) -> None:
+def refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacing: float, names: Sequence[str]) -> None:
     """Raise ValueError for a layer that is nowhere as thick as a particle.
 
     Args:
@@ -63,13 +61,14 @@ def refuse_thin(x: np.ndarray, y: np.ndarray, tops: Sequence[np.ndarray], spacin
         y: positions of points (N,) m.
         tops: heights (N,) m there of the layers' upper boundaries and of the base.
         spacing: height of a particle (m).
+        names: of the layers.
     """
-    for number, (top, bottom) in enumerate(pairwise(tops), 1):
+    for name, (top, bottom) in zip(names, pairwise(tops), strict=True):
         thickness = top - bottom
         most = int(np.argmax(thickness))
         if thickness[most] < spacing * (1 - RESOLVED):
             raise ValueError(
-                f"layer {number} is at most {thickness[most]:g} m thick, at ({x[most]:g}, {y[most]:g}) m, less than a "
+                f"{name} is at most {thickness[most]:g} m thick, at ({x[most]:g}, {y[most]:g}) m, less than a "
                 f"particle of {spacing:g} m: take smaller particles, or draw it thicker"
             )
 

@@ -17,7 +17,7 @@ from jaxmpm.grid import Grid
 from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
 from jaxmpm.ground._boxes import SAMPLED, boxes
 from jaxmpm.ground._fill import box_cells, box_grid, nodes_in_plan
-from jaxmpm.ground._layer import Box, Layer
+from jaxmpm.ground._layer import Box, Layer, labels
 from jaxmpm.ground._polygon import beyond_edge, check_polygon, filled_beyond, in_polygon
 from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, water_raster, water_surface
 from jaxmpm.ground._raster import CODES, Raster
@@ -277,7 +277,7 @@ class Terrain:
         x, y = self._clamped(*np.concatenate(points, axis=1))
         top, bottom = self.tops(layers, x, y)[number : number + 2]
         if not (top > bottom).any():
-            raise ValueError(f"layer {number + 1} lies nowhere between the walls: draw it there, or leave it out")
+            raise ValueError(f"{labels(layers)[number]} lies nowhere between the walls: draw it there, or leave it out")
         return (west, south, float(bottom.min())), (east - west, north - south, float(top.max() - bottom.min()))
 
 
@@ -336,7 +336,9 @@ def terrain(
     layer = shape.layer_of(layers, np.asarray(particles.position), discretisation)
     empty = np.flatnonzero(np.bincount(layer, minlength=len(layers)) == 0)
     if empty.size:
-        raise ValueError(f"layer {empty[0] + 1} holds no particle between the walls: draw it there, or leave it out")
+        raise ValueError(
+            f"{labels(layers)[empty[0]]} holds no particle between the walls: draw it there, or leave it out"
+        )
     law, order = law_of_layers([material_on(discretisation, each.soil) for each in layers], layer)
     particles, layer = jax.tree.map(lambda leaf: leaf[..., order], (particles, layer))
     (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
@@ -346,7 +348,7 @@ def terrain(
         weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
     )
     tops = shape.tops(layers, x, y, spacing)
-    refuse_thin(x, y, tops, spacing)
+    refuse_thin(x, y, tops, spacing, labels(layers))
     warn_of_seams(layers, thicknesses_of(layers, tops), discretisation.cell)
     x_plan, y_plan = (at.ravel() for at in nodes_in_plan(grid, shape.walls))
     pressure = pressure_on_base(r_u, layers, shape.tops(layers, x_plan, y_plan), grid.shape[-1], gravity)

@@ -5,18 +5,15 @@ from __future__ import annotations
 from typing import Annotated
 
 from annotated_types import Ge, Interval
-from pydantic import ConfigDict, Strict, computed_field
+from pydantic import Strict, computed_field
 from pydantic import model_validator as validates
-from pydantic.dataclasses import dataclass
 
 from cooperative.estimate import SharedAudit
-from cooperative.scene.tables._key import AboveZero, Length, Pair, Several, Table, key
-
-CONFIG = ConfigDict(extra="forbid")
+from cooperative.scene.tables._key import AboveZero, Length, Pair, Part, Several, Table, key, table
 
 
-@dataclass(frozen=True, config=CONFIG)
-class Calibration:
+@table
+class Calibration(Part):
     """Factors of safety of the slope of median soil; the rough strength is multiplied by `factor`."""
 
     rough: AboveZero = key("On the rough grid.", 1.2)
@@ -35,8 +32,8 @@ class Calibration:
         return self.refined / self.rough
 
 
-@dataclass(frozen=True, config=CONFIG)
-class LimitLoad:
+@table
+class LimitLoad(Part):
     """The limit load of the slope of median soil, on the refined grid."""
 
     factor: AboveZero = key("Factor of safety.", 1.2)
@@ -56,8 +53,8 @@ class LimitLoad:
 Terms = Several[Annotated[int, Strict(), Ge(1)]]
 
 
-@dataclass(frozen=True, config=CONFIG)
-class Measured:
+@table
+class Measured(Part):
     """What a campaign measures before its first run, None where it is not known.
 
     Args:
@@ -78,8 +75,8 @@ MOST_RUNS = 2**31 - 1
 Runs = Annotated[int, Strict(), Interval(ge=1, le=MOST_RUNS)]
 
 
-@dataclass(frozen=True, config=CONFIG)
-class Budget:
+@table
+class Budget(Part):
     """Refined runs that a campaign's folder allows, and those that its scene did.
 
     Args:
@@ -91,8 +88,8 @@ class Budget:
     scene: Runs
 
 
-@dataclass(frozen=True, config=CONFIG)
-class LongerSlides:
+@table
+class LongerSlides(Part):
     """Until when a campaign's folder lets slides go on, later than its scene.
 
     Args:

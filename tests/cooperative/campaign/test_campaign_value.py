@@ -42,7 +42,7 @@ from cooperative.folder import read_results
 from cooperative.reporting._sentences import probability
 from cooperative.scene import Exposed, FromScript, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, of_words, source_of_value
-from cooperative.store import refuse_another
+from cooperative.store import Source, refuse_another
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_own_soil import SensitiveClay, Tresca
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
@@ -208,7 +208,9 @@ def test_a_scene_that_was_read_keeps_its_text_unless_it_was_changed(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(TINY)
     campaign = read(path)
-    for name, value in (("same", campaign), ("other", replace(campaign, run=Run(t_end=0.3)))):
+    assert replace(campaign, run=Run(t_end=0.3)).source == campaign.source == Source(TINY)
+    again = replace(replace(campaign, run=Run(t_end=0.3)), run=campaign.run)
+    for name, value in (("same", again), ("other", replace(campaign, run=Run(t_end=0.3)))):
         with pytest.raises(InterruptedError):
             run(value, tmp_path / name, on_phase=stop)
     assert read_store(tmp_path / "same").source.text == TINY

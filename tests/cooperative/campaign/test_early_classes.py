@@ -52,9 +52,9 @@ def test_where_more_than_the_class_is_asked_for_nothing_ends_early(model):
     [
         (
             ("softening_modulus = 85e3", ""),
-            r"early = true, and not all soil softens linearly: its rule holds for slopes that settle",
+            r"early = true while not all soil softens linearly: its rule holds for slopes that settle",
         ),
-        (("[run]\n", "[run]\nsettle = false\n"), r"early = true, and settle is off"),
+        (("[run]\n", "[run]\nsettle = false\n"), r"early = true while settle is off"),
     ],
 )
 def test_a_rule_that_does_not_hold_is_refused_where_it_is_asked_for(change, message):

@@ -155,7 +155,7 @@ def test_a_run_that_broke_off_has_no_part_in_modes_and_fits():
 def test_of_elements_at_risk_nothing_is_known_before_a_slide_counts():
     rough, refined, failed, *_ = made_up(60, 0.4, 1)
     campaign = campaign_with(samples=60, estimator="monte carlo")
-    campaign = replace(campaign, hazard=parse(TINY + HAZARD).hazard, plan=replace(campaign.plan, slides=2))
+    campaign = replace(campaign, exposed=parse(TINY + HAZARD).exposed, plan=replace(campaign.plan, slides=2))
     fails = refined(np.flatnonzero(failed)[:3])
     fails.columns["status"][:] = "DECIDED"
     for runs in (refined([]), fails):

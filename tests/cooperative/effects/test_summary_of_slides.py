@@ -87,7 +87,7 @@ def five_slides(status="SETTLED", *, slid=5, reached=2):
     over the house. The campaign with both elements at risk, rough and refined rows."""
     base = parse(TINY + HAZARD)
     campaign = campaign_with(samples=20, estimator="monte carlo")
-    campaign = replace(campaign, hazard=base.hazard, run=replace(base.run, t_end=20.0))
+    campaign = replace(campaign, hazard=base.hazard, exposed=base.exposed, run=replace(base.run, t_end=20.0))
     number = np.arange(20)
     displacement, came = np.where(number < slid, 5.0 + number, 0.1), number < reached
     fails = displacement > 1

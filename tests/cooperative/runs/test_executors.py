@@ -24,6 +24,7 @@ from cooperative.scene import parse
 from cooperative.store import Sample
 from jaxmpm.transfer import native
 from tests.cooperative.campaign.test_campaign import TINY
+from tests.cooperative.campaign.test_campaign_value import Logged
 
 XI = np.zeros((6, 1))
 NOTHING = Packed("", b"")
@@ -281,7 +282,7 @@ def test_a_campaign_that_cannot_be_sent_is_refused(tmp_path):
         open(tmp_path / "log", "w") as file,
         pytest.raises(ValueError, match=r"cannot be sent to a worker .*open file"),
     ):
-        packed(replace(parse(TINY), hazard=file))
+        packed(replace(parse(TINY), soil=Logged(strength=30e3, log=file)))
 
 
 @pytest.mark.slow
