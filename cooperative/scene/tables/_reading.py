@@ -109,10 +109,15 @@ class _Entry:
         return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
 
 
-def _entry_at(table: type[Keyed], values: object, where: str, location: Iterable[int | str]) -> _Entry:
-    """Where pydantic's location leads: through tables, and into the list of those of which there are several."""
+def _entry_at(
+    table: type[Keyed], values: object, where: str, location: Iterable[int | str], path: Sequence[int | str] = ()
+) -> _Entry:
+    """Where pydantic's location leads: through tables, and into the list of those of which there are several.
+
+    path: from there on, that of an `Invalid`, whose parts are keys whether declared or not.
+    """
     entry = _Entry((), where, values, table)
-    for part in location:
+    for part in (*location, *path):
         inner, value = entry.inner, entry.value
         if isinstance(part, int):
             if inner is None:
@@ -122,7 +127,7 @@ def _entry_at(table: type[Keyed], values: object, where: str, location: Iterable
             name = value.get("name") if isinstance(value, dict) else None
             label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
             entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
-        elif inner is not None and (part in keys(inner) or (isinstance(value, Mapping) and part in value)):
+        elif inner is not None and (part in keys(inner) or part in path):
             path = (*entry.path, entry.key) if entry.key else ()
             here = value.get(part) if isinstance(value, Mapping) else None
             declared = keys(inner).get(part)
@@ -153,7 +158,7 @@ def _faults(table: type[Keyed], values: object, where: str, error: ValidationErr
         else:
             broken = fault["ctx"]["error"] if kind == "value_error" else None
             path = broken.path if isinstance(broken, Invalid) else ()
-            entry = _entry_at(table, values, where, (*location, *path))
+            entry = _entry_at(table, values, where, location, path)
             if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
                 wrong[*entry.path, entry.key] = _wrong(entry, fault)
     if of_scene:

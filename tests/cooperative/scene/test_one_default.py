@@ -4,6 +4,8 @@ import dataclasses
 import inspect
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import jaxmpm as mpm
 from cooperative import Campaign, Grid, Hazard, Plan, RandomField, Run, Site, TwoPhase, estimate
@@ -85,6 +87,35 @@ def test_parts_of_a_campaign_are_the_tables_of_a_scene():
     assert (
         tables.PlanAndEstimator(20).chosen == TwoPhase() == inspect.signature(Campaign).parameters["estimator"].default
     )
+
+
+PARTS = {
+    Run: {},
+    Hazard: {},
+    Plan: {"samples": 20},
+    tables.Bedding: {"dip": 15.0},
+    Grid: {"cell": 2.0, "spacing": (1.0, 1.0)},
+    RandomField: {"mean": 30e3, "cov": 0.2, "length": (20.0, 4.0)},
+    tables.CrossCorrelation: {"parameters": ("a", "b"), "matrix": ((1.0, 0.2), (0.2, 1.0))},
+}
+NAMES = [(kind, name) for kind in PARTS for name in tables.keys(kind)]
+VALUES = st.one_of(
+    st.text(), st.booleans(), st.none(), st.floats(), st.integers(), st.lists(st.floats()), st.just({"dip": "steep"})
+)
+
+
+@given(st.sampled_from(NAMES), VALUES)
+def test_a_value_is_taken_or_refused_in_the_same_words_at_both_doors(name_of, value):
+    kind, name = name_of
+
+    def outcome(make):
+        try:
+            return make()
+        except ValueError as error:
+            return str(error)
+
+    values = PARTS[kind] | {name: value}
+    assert outcome(lambda: kind(**values)) == outcome(lambda: tables.read(kind, values))
 
 
 LEAST = """
