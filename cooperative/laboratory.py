@@ -105,7 +105,7 @@ def known_units(quantity: str) -> str:
 
 
 @dataclass(frozen=True)
-class Measured:
+class PointValues:
     """Values of the laboratory, or of vane tests, at points.
 
     Args:
@@ -187,7 +187,9 @@ def read_columns(
     return table, {"name": np.array([path.stem] * len(read.rows))} | texts
 
 
-def measured_of(path: Path, table: Mapping[str, Values], texts: Mapping[str, npt.NDArray[np.str_]]) -> list[Measured]:
+def measured_of(
+    path: Path, table: Mapping[str, Values], texts: Mapping[str, npt.NDArray[np.str_]]
+) -> list[PointValues]:
     """The values of each parameter among the columns of a CSV.
 
     Args:
@@ -205,7 +207,7 @@ def measured_of(path: Path, table: Mapping[str, Values], texts: Mapping[str, npt
         raise SiteError(f"{path} has no column x [m]: add the position of each value")
     y = table.get("y", np.full(z.size, math.nan))
     placed = np.isfinite(table["x"]) & np.isfinite(z) & (np.isfinite(y) | np.isnan(y).all())
-    measured: list[Measured] = []
+    measured: list[PointValues] = []
     for name in [name for name in PARAMETERS if name in table]:
         valid = placed & (table[name] > 0)
         if dropped := int(np.isfinite(table[name]).sum() - valid.sum()):
@@ -215,7 +217,7 @@ def measured_of(path: Path, table: Mapping[str, Values], texts: Mapping[str, npt
             )
         projection = one_text(path, "projection", texts.get("projection"))
         at = table["x"][valid], y[valid], z[valid]
-        measured.append(Measured(str(path), name, *at, table[name][valid], projection))
+        measured.append(PointValues(str(path), name, *at, table[name][valid], projection))
     return measured
 
 

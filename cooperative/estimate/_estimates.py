@@ -166,6 +166,12 @@ def wilson_interval(
 
     Raises:
         ValueError: unless 0 <= failures <= samples, samples > 0 and 0 < level < 1.
+
+    Example:
+        >>> from cooperative import wilson_interval
+        >>> low, high = wilson_interval(10, 100)
+        >>> f"{low:.3f} to {high:.3f}"
+        '0.055 to 0.174'
     """
     if not 0 <= failures <= samples or not samples > 0:
         raise ValueError(f"{failures} failures among {samples} samples: give 0 <= failures <= samples and samples > 0")

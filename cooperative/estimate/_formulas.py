@@ -43,6 +43,12 @@ def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.
 
     Raises:
         ValueError: an answer is missing.
+
+    Example:
+        >>> import numpy as np
+        >>> from cooperative import monte_carlo
+        >>> monte_carlo(np.arange(100) < 10).probability
+        0.1
     """
     failed = as_answers(failed)
     share = float(failed.mean())

@@ -40,6 +40,12 @@ def rank_samples(rough_displacement: np.ndarray, broke_off: np.ndarray | None = 
     Args:
         rough_displacement: largest displacement of each sample on the rough grid (N,) m.
         broke_off: rough runs without a result (N,) bool.
+
+    Example:
+        >>> import numpy as np
+        >>> from cooperative import rank_samples
+        >>> rank_samples(np.array([0.1, 3.0, 0.4, 2.0])).order.tolist()
+        [1, 3, 2, 0]
     """
     displacement = np.asarray(rough_displacement, dtype=float)
     if displacement.ndim != 1 or displacement.size == 0:

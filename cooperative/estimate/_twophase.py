@@ -112,6 +112,20 @@ def two_phase(population: Population, refined: Answers, plan: AuditPlan, *, leve
         refined: sample -> whether it failed on the refined grid, None for a run that gave no answer.
         plan: of the audit.
         level: confidence level of the interval.
+
+    Example:
+        >>> import numpy as np
+        >>> from cooperative import Population, two_phase
+        >>> from cooperative.estimate import AuditPlan, next_audit
+        >>> score = np.random.default_rng(1).standard_normal(200)
+        >>> population, fails = Population(np.exp(score), failure_displacement=2.5), score > 1.2
+        >>> plan, answers = AuditPlan(40), {}
+        >>> while numbers := next_audit(population, answers, plan):
+        ...     answers |= {number: bool(fails[number]) for number in numbers}
+        >>> estimate = two_phase(population, answers, plan)
+        >>> low, high = estimate.interval
+        >>> len(answers), low <= 0.115 <= high  # of the normal distribution beyond 1.2
+        (40, True)
     """
     return _estimate(population, _replay(population, refined, plan), plan, level)
 

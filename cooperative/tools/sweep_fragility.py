@@ -73,6 +73,14 @@ def fit_fragility(
     Returns:
         Curves; none where fewer than two levels have a P_f between 0 and 1, or P_f does not change clearly. The
         lognormal form is fitted to the levels above 0, and comes second where others are left out.
+
+    Example:
+        >>> import numpy as np
+        >>> from cooperative.tools.sweep_fragility import fit_fragility
+        >>> chance = [0.05, 0.3, 0.8]
+        >>> curve, *_ = fit_fragility([1.0, 2.0, 3.0], chance, np.diag([2e-4, 1e-3, 8e-4]), samples=200)
+        >>> curve.rises, bool(2.0 < curve.median < 3.0)
+        (True, True)
     """
     x, share = np.asarray(levels, float), np.asarray(probability, float)
     if np.sum((share > 0) & (share < 1)) < 2:

@@ -206,6 +206,14 @@ def slope(
 
     Raises:
         ValueError: If sizes, moduli, spacings or walls do not fit; the message names them.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> shape = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=6, foundation=2)
+        >>> soil = mpm.Soil(young=5e6, strength=9e3)
+        >>> scene, state = mpm.slope(shape, soil, mpm.Discretisation(cell=1.0, spacing=(0.5, 0.5)))
+        >>> scene.particles.position.shape
+        (2, 134)
     """
     if y_ends not in ("fixed", "roller"):
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")

@@ -114,6 +114,21 @@ def solve(
             jit or a derivative (see `replay`), the state has another precision or lacks the memory of its law, a
             snapshot is after t_end, lanes have different time steps, or, without lanes, a number of the scene is not
             finite or beyond its limit.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil = mpm.Soil(young=5e6, strength=9e3)
+        >>> scene, state = mpm.column(4.0, soil, mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+        >>> result = mpm.solve(scene, state, t_end=1.0, rules=[mpm.Settle(hold=0.5), mpm.Exceeds(0.1)])
+        >>> mpm.Status(int(result.status)).name
+        'SETTLED'
+
+        A rule of your own is a function of the scene and the state of one lane:
+
+        >>> fast = lambda scene, state: mpm.diagnostics.speed(scene, state) > 1.0
+        >>> result = mpm.solve(scene, state, t_end=0.2, rules=[fast])
+        >>> mpm.Status(int(result.status)).name
+        'FINISHED'
     """
     if check.is_traced(scene, state):
         raise ValueError(

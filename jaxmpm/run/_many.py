@@ -66,6 +66,15 @@ def solve_each(
     Raises:
         ValueError: If the width is below 1, a name is no parameter, values have other shapes or numbers, an end of a
             run is invalid, or a number in `scene` itself is beyond its limit.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil = mpm.Soil(young=5e6, strength=9e3)
+        >>> scene, state = mpm.column(4.0, soil, mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+        >>> samples = {"strength": [9e3, 20e3, 30e3]}
+        >>> runs = mpm.solve_each(scene, state, samples, width=2, t_end=0.1)
+        >>> sorted((number, mpm.Status(int(result.status)).name) for number, result in runs)
+        [(0, 'FINISHED'), (1, 'FINISHED'), (2, 'FINISHED')]
     """
     check.whole("width", width)
     check_duration(t_end, every)

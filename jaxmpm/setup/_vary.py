@@ -48,6 +48,14 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
 
     Raises:
         ValueError: If a name is unknown, a shape is different, a value is beyond its limit, or the state has moved.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil = mpm.Soil(young=5e6, strength=9e3)
+        >>> scene, state = mpm.column(4.0, soil, mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+        >>> weaker, start = mpm.with_soil(scene, state, strength=4e3)
+        >>> float(weaker.material.strength)
+        4000.0
     """
     check_names(scene, values)
     check_start(state, values)

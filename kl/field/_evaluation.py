@@ -130,6 +130,17 @@ def field_at(expansion: Expansion, coefficients: ArrayLike, points: ArrayLike) -
     Raises:
         ValueError: If the number of coefficients or rows does not fit, there are no points, or a point whose value is
             known lies outside the box.
+
+    Example:
+        >>> import jax
+        >>> import jax.numpy as jnp
+        >>> import kl
+        >>> covariance = kl.Exponential(20.0), kl.SquaredExponential(2.0)
+        >>> field = kl.expand(covariance, origin=(0.0, 0.0), extent=(40.0, 10.0), energy=0.95)
+        >>> xi = kl.latin_hypercube(jax.random.key(1), 4, field.modes)
+        >>> points = jnp.asarray([[1.0, 20.0, 39.0], [2.0, 5.0, 8.0]])
+        >>> kl.field_at(field, xi, points).shape
+        (4, 3)
     """
     return point_sum(expansion, _batch_checked(expansion, coefficients), points_in_box(expansion, points))
 

@@ -118,6 +118,13 @@ def expand(
             solvers give, a solver does not fit its covariance, a covariance is not positive definite, positions are too
             far from 0 for their precision, float64 is disabled, or a length is traced (expand outside the traced
             function and call `with_covariance` in it).
+
+    Example:
+        >>> import kl
+        >>> covariance = kl.Exponential(20.0), kl.SquaredExponential(2.0)
+        >>> field = kl.expand(covariance, origin=(0.0, 0.0), extent=(40.0, 10.0), energy=0.95)
+        >>> 0.95 <= kl.captured_variance(field).mean <= 1.0
+        True
     """
     covariance, origin, extent = _checked(covariance, origin, extent)
     if energy is not None and modes is not None:

@@ -115,6 +115,12 @@ class Lognormal:
     Args:
         mean: in the property's unit, above 0.
         cov: deviation over mean, 0 or more.
+
+    Example:
+        >>> import kl
+        >>> strength = kl.Lognormal(mean=42e3, cov=0.3)
+        >>> round(float(strength.transform(0.0)))  # median (Pa)
+        40229
     """
 
     mean: Parameter

@@ -18,7 +18,7 @@ from cooperative.tools.soundings import (
     FRICTION,
     STRENGTH,
     TYPES,
-    Measured,
+    PointValues,
     ProposedLayer,
     SiteError,
     Sounding,
@@ -109,7 +109,7 @@ class SiteEstimate:
     """
 
     soundings: tuple[Sounding, ...]
-    measured: tuple[Measured, ...]
+    measured: tuple[PointValues, ...]
     layers: tuple[SiteLayerFit, ...]
     assumed: Assumed
 
@@ -174,11 +174,11 @@ def _with_ratio(sounding: Sounding, ratio: float | None) -> Sounding:
     return replace(sounding, area_ratio=ratio) if lacks else sounding
 
 
-def _require_section(soundings: list[Sounding], measured: list[Measured], assumed: Assumed) -> None:
+def _require_section(soundings: list[Sounding], measured: list[PointValues], assumed: Assumed) -> None:
     """Raise SiteError for positions in 3D beside a section, or of which none lies between its walls."""
     assert assumed.section is not None
     low, *_, high = assumed.section.surface[0]
-    every: list[Sounding | Measured] = [*soundings, *measured]
+    every: list[Sounding | PointValues] = [*soundings, *measured]
     x, y = (np.concatenate([np.atleast_1d(getattr(each, axis)) for each in every]) for axis in "xy")
     placed = assumed.placed(x, y)
     if len(placed) > 1:
@@ -190,16 +190,16 @@ def _require_section(soundings: list[Sounding], measured: list[Measured], assume
         )
 
 
-def _require_alike(soundings: Sequence[Sounding], measured: Sequence[Measured]) -> None:
+def _require_alike(soundings: Sequence[Sounding], measured: Sequence[PointValues]) -> None:
     """Raise SiteError for files of which some have y and others not."""
-    every: list[Sounding | Measured] = [*soundings, *measured]
+    every: list[Sounding | PointValues] = [*soundings, *measured]
     files = {each.file: bool(np.isfinite(each.y).any()) for each in every if np.isfinite(each.x).any()}
     if lacking := sorted(file for file, has in files.items() if has != any(files.values())):
         raise SiteError(f"{lacking[0]} has no y, which other files have: add the column y [m] to it, or leave it out")
 
 
 def _layers(
-    soundings: list[Sounding], measured: list[Measured], assumed: Assumed, boundaries: Sequence[float] | None
+    soundings: list[Sounding], measured: list[PointValues], assumed: Assumed, boundaries: Sequence[float] | None
 ) -> list[ProposedLayer]:
     if boundaries is None and soundings:
         proposed = proposed_layers(soundings, assumed.stresses)
@@ -225,7 +225,7 @@ def _layers(
 
 
 def _fit(
-    number: int, layer: ProposedLayer, soundings: list[Sounding], measured: list[Measured], assumed: Assumed
+    number: int, layer: ProposedLayer, soundings: list[Sounding], measured: list[PointValues], assumed: Assumed
 ) -> SiteLayerFit:
     parameter = "strength" if layer.kind in UNDRAINED else "friction"
     name = f"{layer.kind} {number}"
@@ -296,7 +296,7 @@ def marginal_of(parameter: str, assumed: Assumed) -> str:
 
 
 def _values(
-    layer: ProposedLayer, parameter: str, soundings: list[Sounding], measured: list[Measured], assumed: Assumed
+    layer: ProposedLayer, parameter: str, soundings: list[Sounding], measured: list[PointValues], assumed: Assumed
 ) -> tuple[Values, Values, Values]:
     """Points (d, n) m and values (n,) of a layer, and the cone resistance (n,) Pa there.
 
@@ -350,7 +350,7 @@ def _spread(points: Values, fit: FieldFit, used: np.ndarray) -> np.ndarray:
 
 
 def _remarks(
-    layer: ProposedLayer, parameter: str, soundings: list[Sounding], measured: list[Measured], assumed: Assumed,
+    layer: ProposedLayer, parameter: str, soundings: list[Sounding], measured: list[PointValues], assumed: Assumed,
     count: int,
 ) -> Iterator[str]:  # fmt: skip
     """What an engineer should know of how the values came about."""

@@ -1,6 +1,6 @@
 """Soundings and laboratory values of a site: read, checked, and made into parameters of soil."""
 
-from cooperative.laboratory import Measured, SiteError, Values
+from cooperative.laboratory import PointValues, SiteError, Values
 from cooperative.tools.soundings._files import read_files
 from cooperative.tools.soundings._interpretation import (
     FEWEST,
@@ -27,7 +27,7 @@ __all__ = [
     "FRICTION",
     "STRENGTH",
     "TYPES",
-    "Measured",
+    "PointValues",
     "ProposedLayer",
     "SiteError",
     "Sounding",

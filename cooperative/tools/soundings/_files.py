@@ -13,7 +13,7 @@ import numpy as np
 from cooperative.laboratory import (
     PARAMETERS,
     POSITION,
-    Measured,
+    PointValues,
     SiteError,
     Values,
     in_si,
@@ -31,7 +31,7 @@ from jaxmpm.support.files import read_given
 from jaxmpm.support.table import MOST_BYTES, decoded
 from jaxmpm.support.text import shown
 
-Contents = tuple[list[Record], list[Measured]]
+Contents = tuple[list[Record], list[PointValues]]
 
 CONE = {
     "depth": POSITION["depth"],
@@ -51,7 +51,9 @@ UNSET = 1e3
 """Distance (m) from the others from which on a position of 0, 0 was never set."""
 
 
-def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) -> tuple[list[Sounding], list[Measured]]:
+def read_files(
+    paths: Sequence[Path], units: Mapping[str, str] | None = None
+) -> tuple[list[Sounding], list[PointValues]]:
     """Soundings and laboratory values of files, in the order given.
 
     Args:
@@ -63,7 +65,7 @@ def read_files(paths: Sequence[Path], units: Mapping[str, str] | None = None) ->
             or at one place; soundings whose elevations count from different datums.
     """
     soundings: list[Sounding] = []
-    measured: list[Measured] = []
+    measured: list[PointValues] = []
     for path in paths:
         if not path.is_file():
             raise SiteError(f"there is no file {path}: give files that end in {', '.join(_READERS)}")
@@ -111,9 +113,9 @@ def _check_together(soundings: list[Sounding]) -> None:
         )
 
 
-def _check_positions(soundings: Sequence[Sounding], measured: Sequence[Measured]) -> None:
+def _check_positions(soundings: Sequence[Sounding], measured: Sequence[PointValues]) -> None:
     """Raise SiteError for positions of several systems, that were never set, or far from all others."""
-    every: list[Sounding | Measured] = [*soundings, *measured]
+    every: list[Sounding | PointValues] = [*soundings, *measured]
     systems = {each.projection: each for each in every if each.projection is not None}
     if len(systems) > 1:
         (one, first), (two, second) = list(systems.items())[:2]
@@ -154,7 +156,7 @@ def _ags(path: Path, units: Mapping[str, str]) -> Contents:
             raise SiteError(f"{path}: its group {name} has no heading LOCA_ID, which tells its place: export it anew")
     places = _ags_places(path, groups["LOCA"])
     records = list(_ags_soundings(path, groups, places))
-    measured: list[Measured] = []
+    measured: list[PointValues] = []
     for group, heading in (("TRIT", "TRIT_CU"), ("IVAN", "IVAN_IVAN"), ("LVAN", "LVAN_VNPK")):
         if group in groups:
             measured += _ags_strengths(path, groups[group], heading, places)
@@ -236,7 +238,7 @@ def _ags_soundings(path: Path, groups: Mapping[str, Group], places: Mapping[str,
         )  # fmt: skip
 
 
-def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, Place]) -> Iterator[Measured]:
+def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, Place]) -> Iterator[PointValues]:
     units, rows = group
     if heading not in units:
         return
@@ -264,7 +266,7 @@ def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, 
     if valid.any():
         systems = {each.projection for each, good in zip(own, valid, strict=True) if good}
         projection = systems.pop() if len(systems) == 1 else None
-        yield Measured(str(path), "strength", x[valid], y[valid], (top - depth)[valid], value[valid], projection)
+        yield PointValues(str(path), "strength", x[valid], y[valid], (top - depth)[valid], value[valid], projection)
 
 
 def _csv(path: Path, units: Mapping[str, str]) -> Contents:
