@@ -157,7 +157,7 @@ class Runner:
 
     def rows(self, grid: str) -> Rows:
         """Rows of a grid in the folder."""
-        return runs.rows_reader(self.store, self.ground.samples, self.ground, self.stop.look)(grid)
+        return runs.rows_reader(self.store, self.ground.samples, self.ground, self.stop.check)(grid)
 
     def samples(
         self, grid: str, numbers: Iterable[int], coefficients: np.ndarray, *, slides: bool = False
@@ -174,16 +174,17 @@ class Runner:
         if self.workers is not None:
             ended = runs.run_through(
                 self.workers, self.packed, grid, numbers, coefficients, stop_at=limit, slides=slides,
-                folder=folder, look=self.stop.look,
+                folder=folder, look=self.stop.check,
             )  # fmt: skip
         else:
             ended = runs.run_samples(
                 self.models[grid], coefficients, numbers, width=plan.look_ahead if grid == "refined" else plan.lanes,
-                stop_at=limit, restart_in=folder if grid == "refined" else None, stop=self.stop.asked, slides=slides,
+                stop_at=limit, restart_in=folder if grid == "refined" else None, stop=self.stop.requested,
+                slides=slides,
             )  # fmt: skip
         for sample in ended:
             yield sample
-            self.stop.look()
+            self.stop.check()
 
 
 @contextmanager
@@ -344,8 +345,8 @@ def slide(runner: Runner, findings: Findings) -> Findings:
     # Without a number of slides all failures of the audit have slid to their end.
     if campaign.plan.slides:
         with runner.bar("slides", slides.planned, int(slides.slid.sum())) as bar:
-            while slides.wanted:
-                for sample in runner.samples("refined", slides.wanted, findings.coefficients, slides=True):
+            while slides.missing:
+                for sample in runner.samples("refined", slides.missing, findings.coefficients, slides=True):
                     write_sample(runner.store, SLIDES if sample.number in refined.numbers else "refined", sample)
                     if findings.phases.answer(*sample.result):
                         bar.update()

@@ -81,7 +81,7 @@ class Results:
     def soils(self, most: int = DRAWN_SLIDES) -> list[tuple[str, int]]:
         """Grid and sample of each random soil that a report draws: of the first sample on both grids."""
         grid, (first, *others) = self.drawn(most)
-        return [*((each, first) for each in GRIDS), *((grid, number) for number in others)]
+        return [*((name, first) for name in GRIDS), *((grid, number) for number in others)]
 
     @property
     def weight(self) -> np.ndarray:
@@ -154,9 +154,10 @@ def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> Non
     store_text(store, STORED, json.dumps({MADE_FROM: contents_sum(store), **fields}))
     files.write_aside(store.folder / SUMMARY, json.dumps(fields, indent=1).encode())
     grid, _ = results.drawn()
-    own = {each: read_sample(store, grid, each[1]).coefficients for each in results.soils()}
+    coefficients = {run: read_sample(store, grid, run[1]).coefficients for run in results.soils()}
     # A run that was given up has no coefficients.
-    runs.keep_drawn(store.folder, {each: runs.soil_of(models[each[0]], xi) for each, xi in own.items() if xi.size})
+    soils = {run: runs.soil_of(models[run[0]], xi) for run, xi in coefficients.items() if xi.size}
+    runs.keep_drawn(store.folder, soils)
 
 
 def _stored(store: Store, *grids: Rows) -> Summary | None:

@@ -89,8 +89,8 @@ def maps_of(results: Results) -> Maps | None:
         return None
     # A slide that broke off has no columns.
     with_columns = np.isfinite(refined.columns.get("area_columns", np.full(len(refined.numbers), np.nan)))
-    mine = np.flatnonzero((results.weight > 0) & with_columns)
-    samples = [read_sample(results.store, "refined", refined.numbers[at]) for at in mine]
+    slid = np.flatnonzero((results.weight > 0) & with_columns)
+    samples = [read_sample(results.store, "refined", refined.numbers[at]) for at in slid]
     if not samples:
         return None
     plan = results.ground.grids["refined"].columns
@@ -98,7 +98,7 @@ def maps_of(results: Results) -> Maps | None:
     fields = {name: np.stack([sample.fields[name] for sample in samples])[:, *where] for name in runs.COLUMNS}
     first = int(np.searchsorted(plan.edges(0)[where[0]], plan.edges(0)[beyond.start]))
     cut = results.summary.consequences.cut_off
-    weight = results.weight[mine]
+    weight = results.weight[slid]
     maps, units = _maps(hazard, pf.estimate, weight, fields, cut.t_end)
     if all(runs.GROUND in sample.fields for sample in samples):
         ground = np.stack([sample.fields[runs.GROUND] for sample in samples])[:, *where]
@@ -112,7 +112,7 @@ def maps_of(results: Results) -> Maps | None:
         maps=maps,
         units=units,
         beyond=slice(first, None),
-        slides=mine.size,
+        slides=slid.size,
         least=hazard.least,
         every=hazard.every,
         missed=hazard.every * float(fields["column_speed"].max()),
@@ -129,7 +129,7 @@ def _maps(
     happens = {REACHED: thickness >= hazard.least, COVERED: deposit >= hazard.least}
     happens |= {f"deposit thicker than {level:g} m": deposit > level for level in hazard.thickness}
     happens |= {f"faster than {level:g} m/s": speed > level for level in hazard.speed}
-    maps = {name: chance_of(estimate, weight, each) for name, each in happens.items()}
+    maps = {name: chance_of(estimate, weight, true) for name, true in happens.items()}
     maps[THICKNESS] = mean_of(estimate, weight, deposit)
     maps[ARRIVAL] = _arrival(arrival, weight, estimate.level, until)
     return maps, dict.fromkeys(happens, "-") | {THICKNESS: "m", ARRIVAL: "s"}

@@ -368,7 +368,7 @@ class EveryRank(SceneSamples):
         order = rank_samples(population.rough_displacement, population.broke_off).order
         return [int(sample) for sample in order[self.step // 2 :: self.step]]
 
-    def wanted(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
+    def next_runs(self, population: Population, answers: Answers, places: int, under_way: Collection[int]) -> list[int]:
         missing = [s for s in self.chosen(population) if s not in answers and s not in under_way]
         return missing[: max(places - len(under_way), 0)]
 
@@ -383,7 +383,7 @@ class EveryRank(SceneSamples):
         return {s: float(self.step) for s in self.chosen(population) if s in answers}
 
     def why_finished(self, population: Population, answers: Answers) -> str | None:
-        return None if self.wanted(population, answers, 1, ()) else f"every {self.step}. rank has run"
+        return None if self.next_runs(population, answers, 1, ()) else f"every {self.step}. rank has run"
 
 
 # %% [markdown]

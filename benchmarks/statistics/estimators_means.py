@@ -67,10 +67,10 @@ def slid(phases: Phases, failed: np.ndarray, count: int | None, seed: int) -> tu
     while True:
         numbers = sorted(phases.answers)
         slides = Slides.of(phases, numbers, np.array([n in ended for n in numbers]), count, seed)
-        if not slides.wanted:
+        if not slides.missing:
             return phases, numbers, slides
-        ended |= set(slides.wanted)
-        phases = phases.refined({n: (2.0 * failed[n], False) for n in {*numbers, *slides.wanted}})
+        ended |= set(slides.missing)
+        phases = phases.refined({n: (2.0 * failed[n], False) for n in {*numbers, *slides.missing}})
 
 
 def _campaign(case: Means, number: int) -> tuple[float, ...]:

@@ -81,7 +81,7 @@ def answers(
     estimator, given = TwoPhase(refined_runs=case.runs, seed=seed), []
     for population, fails in zip(populations, failed, strict=True):
         known: dict[int, bool | None] = {}
-        while asked := estimator.wanted(population, known, case.runs, ()):
+        while asked := estimator.next_runs(population, known, case.runs, ()):
             known |= {sample: bool(fails[sample]) for sample in asked}
         phases = Phases(estimator, 1.0, population=population, answers=known)
         assert phases.failures is not None

@@ -174,7 +174,7 @@ def main() -> None:
         while run := next((run for run in wanted(rows) if run.case in cases and run not in rows), None):
             folder = ROOT / "out" / "study" / "missing" / f"{run.case}, {run.sample}, {run.reduction:g}"
             try:
-                rows[run] = outcome_of(run, folder, stop.asked)
+                rows[run] = outcome_of(run, folder, stop.requested)
             except Stopped:
                 sys.exit("stopped: the same command goes on")
             add(file_of(run.case), run, rows[run])

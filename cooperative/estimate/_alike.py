@@ -62,9 +62,9 @@ def missed(chance: np.ndarray, failures: np.ndarray, unanswered: int) -> np.ndar
     """
     met = np.zeros((unanswered + 1, failures.size))
     met[0] = 1.0
-    left = np.maximum(failures - np.arange(unanswered + 1)[:, None], 0)
-    for each in chance:
-        hit = met * np.minimum(each * left, 1.0)
+    remaining = np.maximum(failures - np.arange(unanswered + 1)[:, None], 0)
+    for value in chance:
+        hit = met * np.minimum(value * remaining, 1.0)
         met -= hit
         met[1:] += hit[:-1]
     return met.sum(axis=0)
@@ -149,16 +149,16 @@ def ranked_limit(
     log_missed, open_ = np.zeros(weight.size), ~known
     for wave in waves:
         reached = np.cumsum(np.where(open_, wave.chance, 0.0))
-        for left in wave.chance[wave.ranks] / wave.probability:
-            log_missed += np.log1p(-np.minimum(reached / left, 1 - NEVER))
+        for ratio in wave.chance[wave.ranks] / wave.probability:
+            log_missed += np.log1p(-np.minimum(reached / ratio, 1 - NEVER))
     first = min(int((log_missed > np.log(1 - level)).sum()), weight.size - 1)
     ranks = np.arange(first + 1)
     share = float(weight[ranks].sum())
     if replicate is None:
         return min(share + exact_limit(weight.size, level), earlier)
-    each = np.bincount(np.unique(replicate, return_inverse=True)[1][ranks], weight[ranks], np.unique(replicate).size)
-    error = float(each.std(ddof=1)) * np.sqrt(each.size)
-    return min(share + float(quantile(2 * level - 1, np.array(each.size - 1.0))) * error, earlier)
+    weights = np.bincount(np.unique(replicate, return_inverse=True)[1][ranks], weight[ranks], np.unique(replicate).size)
+    error = float(weights.std(ddof=1)) * np.sqrt(weights.size)
+    return min(share + float(quantile(2 * level - 1, np.array(weights.size - 1.0))) * error, earlier)
 
 
 def limit_alike(

@@ -189,8 +189,8 @@ def certainty_stratum(refined: Answers, plan: AuditPlan, order: np.ndarray, lost
     displacement = -np.arange(most, dtype=float)
     ranked = {at: refined[int(sample)] for at, sample in enumerate(order[:most]) if int(sample) in refined}
     missing = np.array(next_refined(displacement, ranked, plan.k_t, most), dtype=int)
-    known = np.array([at for at in ranked if at < missing.min()], dtype=int)
-    return np.union1d(known, np.arange(lost)), missing
+    prefix = np.array([at for at in ranked if at < missing.min()], dtype=int)
+    return np.union1d(prefix, np.arange(lost)), missing
 
 
 def draw_wave(
@@ -228,10 +228,10 @@ def draw_wave(
     first = np.argpartition(arrival, size - 1)[:size]
     first = first[np.argsort(arrival[first])]
     never = 1.0 - share[first].sum() if size < unknown.size else 0.0
-    left = never + np.cumsum(share[first][::-1])[::-1]
+    remaining = never + np.cumsum(share[first][::-1])[::-1]
     chance = np.zeros(known.size)
     chance[unknown] = share
-    return Wave(unknown[first], share[first] / left, chance, model, floor)
+    return Wave(unknown[first], share[first] / remaining, chance, model, floor)
 
 
 def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
@@ -292,8 +292,8 @@ def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, wei
         return 0.0
     least = 0.0
     for wave in waves:
-        left = wave.chance[wave.ranks] / wave.probability
-        least += float((wave.chance[below] / weight[below]).min() * (1 / left).sum())
+        ratios = wave.chance[wave.ranks] / wave.probability
+        least += float((wave.chance[below] / weight[below]).min() * (1 / ratios).sum())
     hidden = float(weight[below].sum())
     return min(float(-np.log(1 - level)) / least, hidden) if least else hidden
 
@@ -345,17 +345,17 @@ def audit_total(
     doubt, at = 0.0, 0
     for wave in waves:
         ranks = wave.ranks
-        mine = share[at : at + ranks.size]
+        section = share[at : at + ranks.size]
         drawn = np.where(np.isnan(outcome[ranks]), wave.model[ranks], outcome[ranks])
         residual = weight[ranks] * (drawn - wave.model[ranks])
         before = np.bincount(group, weight * np.where(seen, value, wave.model), groups)
         each[at : at + ranks.size] = before.sum() + np.cumsum(residual) - residual + residual / wave.probability
         # A residual counts in its own draw, over q, and plainly in the later draws of its wave.
-        later = mine.sum() - np.cumsum(mine)
-        by_group = by_group + mine.sum() * before
-        by_group += np.bincount(group[ranks], residual * (mine / wave.probability + later), groups)
+        later = section.sum() - np.cumsum(section)
+        by_group = by_group + section.sum() * before
+        by_group += np.bincount(group[ranks], residual * (section / wave.probability + later), groups)
         foreseen[at : at + ranks.size] = draw_variance(wave, wave.model, weight)
-        doubt += float(mine @ mine) * draw_variance(wave, model, weight)
+        doubt += float(section @ section) * draw_variance(wave, model, weight)
         seen[ranks] = True
         value[ranks] = drawn
         at += ranks.size

@@ -53,15 +53,15 @@ class Audited(Budgeted):
             proving=self.proving,
         )  # fmt: skip
 
-    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
+    def next_runs(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The rest of the wave; nothing once a target alone is seen to be out of reach."""
         audit = self.audit(population)
-        asked = [sample for sample in next_audit(population, answers, audit) if sample not in under_way]
-        if asked and audit.target_cov is not None and self.refined_runs is None:
+        numbers = [sample for sample in next_audit(population, answers, audit) if sample not in under_way]
+        if numbers and audit.target_cov is not None and self.refined_runs is None:
             estimate = two_phase(population, answers, audit)
             if estimate.refined_runs >= usual_budget(population.size) and out_of_reach(estimate, audit.target_cov):
                 return []
-        return asked
+        return numbers
 
     def why_finished(self, population: Population, answers: Answers) -> str | None:
         """As for any budget; in a sweep with a target, that the base's runs are made."""
@@ -202,16 +202,16 @@ def named_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
         ValueError: other settings that are not the estimator's, and for one that it cannot do without.
     """
     kind = ESTIMATORS[name]
-    known = {key: value for key, value in given.items() if value is not None}
+    settings = {key: value for key, value in given.items() if value is not None}
     takes = {setting.name: setting for setting in fields(kind)}
-    for key, value in known.items():
+    for key, value in settings.items():
         if key in SETTINGS and key not in takes:
             others = [repr(n) for n, other in ESTIMATORS.items() if key in {f.name for f in fields(other)}]
             raise ValueError(
                 f"[campaign] {key} = {value} is for estimator = {' or '.join(others)}, not {name!r}: leave it out"
             )
     for key, setting in takes.items():
-        if setting.default is MISSING and key not in known:
+        if setting.default is MISSING and key not in settings:
             raise ValueError(f"[campaign] lacks {key}: add it, estimator = {name!r} needs it")
-    made: Estimator = kind(**{key: value for key, value in known.items() if key in takes})
+    made: Estimator = kind(**{key: value for key, value in settings.items() if key in takes})
     return made

@@ -146,8 +146,8 @@ def after_more_runs(estimate: Estimate, more: int = 50, *, samples: float = np.i
         return float("inf")
     audit, done = estimate.audit_variance / estimate.probability**2, estimate.refined_runs
     then = min(done + more, samples)
-    left = (1 / then - 1 / samples) / (1 / done - 1 / samples) if 0 < done < samples else 0.0
-    return float(np.sqrt(max(estimate.cov**2 - audit * (1 - left), 0.0)))
+    remaining = (1 / then - 1 / samples) / (1 / done - 1 / samples) if 0 < done < samples else 0.0
+    return float(np.sqrt(max(estimate.cov**2 - audit * (1 - remaining), 0.0)))
 
 
 def wilson_interval(
@@ -244,9 +244,9 @@ def wilson_limits(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wilson's limits of many shares at once."""
     z = quantile(level, freedom)
-    each = z**2 / samples
-    centre = (share + each / 2) / (1 + each)
-    half = z / (1 + each) * np.sqrt(share * (1 - share) / samples + each / (4 * samples))
+    step = z**2 / samples
+    centre = (share + step / 2) / (1 + step)
+    half = z / (1 + step) * np.sqrt(share * (1 - share) / samples + step / (4 * samples))
     # At the ends the limit is exactly 0 or 1; rounding must not put it beyond.
     low = np.where(share == 0, 0.0, np.maximum(centre - half, 0.0))
     return low, np.where(share == 1, 1.0, np.minimum(centre + half, 1.0))
@@ -302,9 +302,9 @@ def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, lev
     size, total = effective_size(weight), float(np.sum(weight))
     parts = {}
     for name in names:
-        mine = np.asarray(group) == name
-        share = min(float(np.sum(weight[mine])) / total, 1.0)
-        parts[name] = Share(int(mine.sum()), share, wilson_interval(share * size, size, level))
+        members = np.asarray(group) == name
+        share = min(float(np.sum(weight[members])) / total, 1.0)
+        parts[name] = Share(int(members.sum()), share, wilson_interval(share * size, size, level))
     return parts
 
 

@@ -123,14 +123,14 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
     if size < ENOUGH:
         worth = "" if np.ptp(share) == 0 else f", worth {size:.3g} of equal weight,"
         notes.append(f"{values.size} samples{worth} are too few to tell distributions apart: {ENOUGH} or more would do")
-    left_out = [name for name, each in CANDIDATES.items() if each.positive and least <= 0]
+    left_out = [name for name, candidate in CANDIDATES.items() if candidate.positive and least <= 0]
     notes += [f"{name} is for positive values; the smallest is {least:.3g}" for name in left_out]
     fits = []
-    for name, each in CANDIDATES.items():
+    for name, candidate in CANDIDATES.items():
         if name in left_out:
             continue
         try:
-            fits.append(_fit(name, each, values, share))
+            fits.append(_fit(name, candidate, values, share))
         except (FitError, ValueError, ArithmeticError) as error:
             notes.append(f"{name} does not fit values from {least:.3g} to {values.max():.3g} ({error})")
     if not fits:

@@ -24,7 +24,7 @@ def as_answers(failed: Iterable[object]) -> np.ndarray:
         failed: whether each sample failed, True or False, 1 or 0.
     """
     answers = np.asarray(failed).ravel().tolist()
-    if wrong := [each for each in answers if each not in (0, 1)]:
+    if wrong := [answer for answer in answers if answer not in (0, 1)]:
         raise ValueError(
             f"failed holds {wrong[0]!r}: give True or False of each run, and leave out runs that broke off"
         )
@@ -52,8 +52,8 @@ def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.
     """
     failed = as_answers(failed)
     share = float(failed.mean())
-    left = share * (1 - share) * (1 / failed.size - 1 / samples)
-    return binomial("Monte Carlo", int(failed.sum()), failed.size, failed.size, level=level, audit_variance=left)
+    remaining = share * (1 - share) * (1 / failed.size - 1 / samples)
+    return binomial("Monte Carlo", int(failed.sum()), failed.size, failed.size, level=level, audit_variance=remaining)
 
 
 def published(
@@ -133,10 +133,10 @@ def control_variate(
         return binomial(CONTROL_VARIATE, failed.sum(), runs.size, runs.size, level=level)
     residual, predicted = np.empty(runs.size), 0.0
     for fold in range(FOLDS):
-        mine = np.arange(runs.size) % FOLDS == fold
-        model = fit_logistic(score[runs[~mine]], failed[~mine], centre)
-        residual[mine] = failed[mine] - predict_logistic(model, score[runs[mine]], centre)
-        predicted += mine.mean() * predict_logistic(model, score, centre).mean()
+        in_fold = np.arange(runs.size) % FOLDS == fold
+        model = fit_logistic(score[runs[~in_fold]], failed[~in_fold], centre)
+        residual[in_fold] = failed[in_fold] - predict_logistic(model, score[runs[in_fold]], centre)
+        predicted += in_fold.mean() * predict_logistic(model, score, centre).mean()
     probability = predicted + float(residual.mean())
     share = min(max(probability, 0.0), 1.0)
     spread = float(residual.var(ddof=1)) * (1 / runs.size - 1 / count)

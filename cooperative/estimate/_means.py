@@ -80,7 +80,7 @@ def chance_of(estimate: Estimate, weight: np.ndarray, happens: np.ndarray) -> Ch
     heaviest = probability * float(share.max())
     none = wilson_interval(0, 1 / heaviest, estimate.level)[1] if heaviest else estimate.interval[1]
     high = np.minimum(np.where(ratio == 0, none, high), estimate.interval[1])
-    return Chances(*(each.reshape(shape) for each in (value, low, high, (does > 0).sum(axis=0))))
+    return Chances(*(values.reshape(shape) for values in (value, low, high, (does > 0).sum(axis=0))))
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def exceedance(
     if thresholds is None:
         chance.value[0] = estimate.probability
         chance.low[0], chance.high[0] = estimate.sampling_interval or estimate.interval
-    return Exceedance(*(tuple(each.tolist()) for each in (at, chance.value, chance.low, chance.high)))
+    return Exceedance(*(tuple(values.tolist()) for values in (at, chance.value, chance.low, chance.high)))
 
 
 def mean_of(estimate: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chances:
@@ -155,7 +155,7 @@ def mean_of(estimate: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chanc
         # P_f at its lower limit, whatever its variance, which is 0 where all samples fail.
         low = np.minimum(low, estimate.interval[0] * brings.max(axis=0, initial=0.0))
         high = value * np.exp(np.minimum(half, 700.0))
-    return Chances(*(each.reshape(shape) for each in (value, low, high, count)))
+    return Chances(*(values.reshape(shape) for values in (value, low, high, count)))
 
 
 def _by_slide(weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:

@@ -73,11 +73,11 @@ def zone_variance(population: Population, chance: np.ndarray) -> float:
     """
     variance, zones = 0.0, list(population.zones or ())
     while zones:
-        zone, score, single = np.array([(each.weight, each.score, each.single) for each in zones]).T
+        zone, score, single = np.array([(member.weight, member.score, member.single) for member in zones]).T
         expected = predict_logistic(fit_logistic(score, chance, 0.0), score, 0.0)
         within = (chance - expected) ** 2 + chance * (1 - chance)
         variance += float((population.weights * (zone - single)) @ within)
-        zones = [each.earlier for each in zones if each.earlier is not None]
+        zones = [member.earlier for member in zones if member.earlier is not None]
     return variance
 
 
@@ -88,8 +88,8 @@ def _zones(weight: np.ndarray, samples: int) -> np.ndarray:
     chance, alone = np.ones(weight.size), np.zeros(weight.size, dtype=bool)
     # No rank takes more than a zone of its own.
     while not alone.all():
-        left = density[~alone]
-        chance[~alone] = (samples - alone.sum()) * left / left.sum()
+        others = density[~alone]
+        chance[~alone] = (samples - alone.sum()) * others / others.sum()
         if chance[~alone].max() <= 1:
             break
         alone |= chance >= 1

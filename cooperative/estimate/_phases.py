@@ -92,8 +92,8 @@ class Phases:
         if self.population is None:
             return []
         started = {position for position, number in enumerate(self._numbers) if number in under_way}
-        asked = self.estimator.wanted(self.population, self._by_position, lanes, started)
-        return [self._numbers[position] for position in asked]
+        positions = self.estimator.next_runs(self.population, self._by_position, lanes, started)
+        return [self._numbers[position] for position in positions]
 
     @cached_property
     def estimate(self) -> Estimate:
@@ -158,7 +158,7 @@ class Phases:
             count /= max(float(count.sum()), np.finfo(float).tiny)
             failures = Failures(self.population.numbers, count, (count > 0).astype(float), count)
         order = rank_samples(self.population.rough_displacement, self.population.broke_off).order
-        return Failures(*(getattr(failures, each.name)[order] for each in fields(failures)))
+        return Failures(*(getattr(failures, column.name)[order] for column in fields(failures)))
 
     @property
     def why_finished(self) -> str | None:
@@ -172,13 +172,13 @@ class Phases:
 
     @property
     def _rough_alone(self) -> Estimate:
-        known = {n: answer for n, result in self.rough.items() if (answer := self.answer(*result)) is not None}
+        answers = {n: answer for n, result in self.rough.items() if (answer := self.answer(*result)) is not None}
         method, notes = "rough grid alone", []
-        if lost := len(self.rough) - len(known):
+        if lost := len(self.rough) - len(answers):
             notes.append(f"{lost} rough runs gave no answer and are left out")
-        weight = np.array([self.zones[n].weight if self.zones else 1.0 for n in known])
-        fails = np.array(list(known.values()), bool)
-        share = float(weight[fails].sum() / weight.sum()) if known else 0.0
+        weight = np.array([self.zones[n].weight if self.zones else 1.0 for n in answers])
+        fails = np.array(list(answers.values()), bool)
+        share = float(weight[fails].sum() / weight.sum()) if answers else 0.0
         notes.insert(0, f"screening is not complete: {share:.3g} of the samples so far fail on the rough grid")
         # No number of rough runs shows what the refined grid makes of them.
         return Estimate(share, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
@@ -232,14 +232,14 @@ class Slides:
         failed: all failures.
         slid: those that slid on to their end.
         weight: what each run stands for, 0 for failures that did not slide.
-        wanted: samples that are to slide still, as far as is known: failures that wait, and samples that have not run
-            refined yet.
+        missing: samples that are to slide still, as far as the runs show: failures that wait, and samples that have not
+            run refined yet.
     """
 
     failed: np.ndarray
     slid: np.ndarray
     weight: np.ndarray
-    wanted: tuple[int, ...]
+    missing: tuple[int, ...]
 
     @classmethod
     def of(cls, phases: Phases, numbers: Sequence[int], ended: np.ndarray, count: int | None, seed: int) -> Slides:
@@ -268,12 +268,12 @@ class Slides:
             # Without a run that the estimator counts, it is unknown what slides stand for.
             share *= phases.estimate.probability / (share.sum() or 1.0)
             np.add.at(weight, [position[n] for n in failures.number[ranks]], share)
-        return cls(failed, slid, weight, _wanted(phases, failures, set(np.array(numbers)[slid]), count, seed))
+        return cls(failed, slid, weight, _missing(phases, failures, set(np.array(numbers)[slid]), count, seed))
 
     @property
     def planned(self) -> int:
         """Slides that there are in the end, as far as is known."""
-        return int(self.slid.sum()) + len(self.wanted)
+        return int(self.slid.sum()) + len(self.missing)
 
     @property
     def notes(self) -> list[str]:
@@ -291,18 +291,18 @@ class Slides:
         ]
 
 
-def _wanted(phases: Phases, failures: Failures, slid: set[int], count: int | None, seed: int) -> tuple[int, ...]:
+def _missing(phases: Phases, failures: Failures, slid: set[int], count: int | None, seed: int) -> tuple[int, ...]:
     """The next in order that fail, or may, until so many slide; those that stand or gave no answer are passed over.
 
     While no failure is known there is nothing that slides would stand for, and none are sought beyond the audit.
     """
     size = np.where(failures.chance < FAR_DOWN, 0.0, failures.size)
-    wanted: dict[int, None] = {}
+    missing: dict[int, None] = {}
     if not count or not size.any() or True not in phases.answers.values():
         return ()
     for number in failures.number[slide_order(size, seed)].tolist():
-        if len(slid) + len(wanted) >= count:
+        if len(slid) + len(missing) >= count:
             break
         if number not in slid and phases.answers.get(number, True):
-            wanted[number] = None
-    return tuple(wanted)
+            missing[number] = None
+    return tuple(missing)

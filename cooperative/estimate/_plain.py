@@ -26,7 +26,7 @@ POINTS = 60
 class SceneSamples(Estimator, Protocol):
     """Base of an estimator that refines some of the scene's own samples, each of which runs once on the rough grid.
 
-    A class derives from it, is a frozen dataclass, and writes `name`, `check`, `budget`, `wanted`, `estimate`,
+    A class derives from it, is a frozen dataclass, and writes `name`, `check`, `budget`, `next_runs`, `estimate`,
     `weights` and `why_finished`; what else it has it writes over. See `Estimator` for every member.
     """
 
@@ -70,7 +70,7 @@ class Published(SceneSamples):
     def budget(self, samples: int) -> None:
         """The stopping rule alone decides."""
 
-    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
+    def next_runs(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The next ranks that the rule needs whatever those under way turn out to be."""
         return next_refined(
             population.rough_displacement, answers, self.k_t, lanes, broke_off=population.broke_off,
@@ -96,7 +96,7 @@ class Published(SceneSamples):
 
     def why_finished(self, population: Population, answers: Answers) -> str | None:
         """All ran, or k_t in a row stand."""
-        if self.wanted(population, answers, 1, ()):
+        if self.next_runs(population, answers, 1, ()):
             return None
         everything = len(answers) == population.size
         return "all samples ran on the refined grid" if everything else f"{self.k_t} samples in a row stand"
@@ -128,7 +128,7 @@ class Budgeted(SceneSamples):
 
     def why_finished(self, population: Population, answers: Answers) -> str | None:
         """All ran, the target is met or out of reach, or the budget is spent."""
-        if self.wanted(population, answers, 1, ()):
+        if self.next_runs(population, answers, 1, ()):
             return None
         if len(answers) == population.size:
             return "all samples ran on the refined grid"
@@ -163,7 +163,7 @@ class InOrder(Budgeted):
         check_rule(self.k_t)
         check_all_run(self, sampling)
 
-    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
+    def next_runs(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """The first samples, as many as the budget allows, or until the target is met at a multiple of 10."""
         runs, target, there = self.budget(population.size), self.target_cov, _without_gap(answers)
         if target is not None:
@@ -184,7 +184,7 @@ class InOrder(Budgeted):
         Then half of the target is asked for, of two failures and two that stand more (Agresti and Coull 1998,
         doi:10.1080/00031305.1998.10480550).
         """
-        failed = [each for each in answers.values() if each is not None]
+        failed = [answer for answer in answers.values() if answer is not None]
         failures, runs = sum(failed), len(failed)
         share = (failures + 2) / (runs + 4)
         if min(failures, runs - failures) < RARE and (1 - share) / (share * (runs + 4)) > (target / 2) ** 2:
@@ -218,10 +218,10 @@ class MonteCarlo(InOrder):
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """The share of the first samples that fails."""
-        known, lost = _first_answers(answers)
-        if not known:
+        outcomes, lost = _first_answers(answers)
+        if not outcomes:
             return Estimate(0.0, (0.0, 1.0), np.inf, 0, "Monte Carlo", notes=("no refined run yet",))
-        return _open_to(lost, known, monte_carlo(np.array(list(known.values())), samples=population.size))
+        return _open_to(lost, outcomes, monte_carlo(np.array(list(outcomes.values())), samples=population.size))
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, and the control variate where there are samples that it can add."""
@@ -243,15 +243,15 @@ class ControlVariate(InOrder):
 
     def estimate(self, population: Population, answers: Answers) -> Estimate:
         """With the rough ranks as control; plain Monte Carlo of fewer than 10 runs."""
-        known, lost = _first_answers(answers)
-        if len(known) < 2 * FOLDS:
+        outcomes, lost = _first_answers(answers)
+        if len(outcomes) < 2 * FOLDS:
             few = f"too few runs for a control variate, it takes {2 * FOLDS}"
             plain = MonteCarlo().estimate(population, answers)
             return replace(plain, notes=(*plain.notes, few))
         estimate = control_variate(
-            population.rough_displacement, known, failure_displacement=population.failure_displacement
+            population.rough_displacement, outcomes, failure_displacement=population.failure_displacement
         )
-        return _open_to(lost, known, estimate)
+        return _open_to(lost, outcomes, estimate)
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
         """n/N where its rule is met, and plain Monte Carlo: nobody chose the first samples."""
@@ -317,15 +317,15 @@ def _without_gap(answers: Answers) -> int:
 def _first_answers(answers: Answers) -> tuple[dict[int, bool], int]:
     """Answers of the samples from number 0 on without a gap, and how many of these broke off."""
     count = _without_gap(answers)
-    known = {number: bool(answers[number]) for number in range(count) if answers[number] is not None}
-    return known, count - len(known)
+    outcomes = {number: bool(answers[number]) for number in range(count) if answers[number] is not None}
+    return outcomes, count - len(outcomes)
 
 
-def _open_to(lost: int, known: Mapping[int, bool], estimate: Estimate) -> Estimate:
+def _open_to(lost: int, outcomes: Mapping[int, bool], estimate: Estimate) -> Estimate:
     """The estimate with an interval that holds P_f whatever `lost` runs without an answer would have been."""
     if not lost:
         return estimate
-    failures, runs = sum(known.values()), len(known) + lost
+    failures, runs = sum(outcomes.values()), len(outcomes) + lost
     low, _ = count_interval(failures, runs, estimate.level)
     _, high = count_interval(failures + lost, runs, estimate.level)
     note = f"{lost} refined runs gave no answer; the interval holds P_f if none of them fails, and if all do"

@@ -174,7 +174,7 @@ class Estimator(Protocol):
     def budget(self, samples: int) -> int | None:
         """Most refined runs of a population of so many samples; None where it depends on the results."""
 
-    def wanted(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
+    def next_runs(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
         """Samples to start on the refined grid now.
 
         Args:

@@ -94,7 +94,7 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
             f"per_level = {plan.per_level} with share = {plan.share} makes {chains} chains: "
             "give a per_level that at least 2 chains divide evenly"
         )
-    each = plan.rough_runs // plan.replicates
+    count = plan.rough_runs // plan.replicates
     parts = [_one_run(rough, modes, plan, chains, replicate) for replicate in range(plan.replicates)]
     coefficients, displacement, weight, number = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return SubsetSamples(
@@ -102,7 +102,7 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
         displacement,
         weight / plan.replicates,
         np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
-        number + each * np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
+        number + count * np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
         plan.rough_runs,
     )
 
@@ -112,8 +112,8 @@ def _one_run(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Coefficients, responses, weights and numbers, each sample once."""
     generator = np.random.default_rng([plan.seed, replicate])
-    asked, answered = [generator.standard_normal((plan.per_level, modes))], []
-    answered.append(np.nan_to_num(rough(asked[0]), nan=np.inf))
+    batches, answered = [generator.standard_normal((plan.per_level, modes))], []
+    answered.append(np.nan_to_num(rough(batches[0]), nan=np.inf))
     state, response = np.arange(plan.per_level), answered[0]
     weight = np.zeros(plan.per_level + plan.levels * (plan.per_level - chains))
     mass = 1.0
@@ -125,19 +125,19 @@ def _one_run(
         threshold, state = response[seeds[-1]], state[seeds]
         visited = [state]
         for _ in range(plan.per_level // chains - 1):
-            known = np.concatenate(asked)
+            coefficients = np.concatenate(batches)
             noise = generator.standard_normal((chains, modes))
-            proposal = plan.correlation * known[state] + np.sqrt(1 - plan.correlation**2) * noise
-            asked.append(proposal)
+            proposal = plan.correlation * coefficients[state] + np.sqrt(1 - plan.correlation**2) * noise
+            batches.append(proposal)
             answered.append(np.nan_to_num(rough(proposal), nan=np.inf))
-            state = np.where(answered[-1] >= threshold, len(known) + np.arange(chains), state)
+            state = np.where(answered[-1] >= threshold, len(coefficients) + np.arange(chains), state)
             visited.append(state)
         state = np.concatenate(visited)
         response = np.concatenate(answered)[state]
         mass *= chains / plan.per_level
     np.add.at(weight, state, mass / plan.per_level)
     weighted = np.flatnonzero(weight)
-    return np.concatenate(asked)[weighted], np.concatenate(answered)[weighted], weight[weighted], weighted
+    return np.concatenate(batches)[weighted], np.concatenate(answered)[weighted], weight[weighted], weighted
 
 
 class _NotYet(Exception):
@@ -146,11 +146,11 @@ class _NotYet(Exception):
 
 def replayed(plan: SubsetPlan, modes: int, screened: Screened) -> tuple[np.ndarray, SubsetSamples | None]:
     """Subset simulation gone through again: coefficients asked for (n, modes), and its samples once it is complete."""
-    asked: list[np.ndarray] = [np.zeros((0, modes))]
+    batches: list[np.ndarray] = [np.zeros((0, modes))]
 
     def rough(xi: np.ndarray) -> np.ndarray:
-        first = sum(map(len, asked))
-        asked.append(xi)
+        first = sum(map(len, batches))
+        batches.append(xi)
         numbers = range(first, first + len(xi))
         if not all(number in screened for number in numbers):
             raise _NotYet
@@ -160,4 +160,4 @@ def replayed(plan: SubsetPlan, modes: int, screened: Screened) -> tuple[np.ndarr
         samples = subset_simulation(rough, modes, plan)
     except _NotYet:
         samples = None
-    return np.concatenate(asked), samples
+    return np.concatenate(batches), samples

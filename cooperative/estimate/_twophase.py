@@ -151,9 +151,9 @@ def sample_weights(population: Population, refined: Answers, plan: AuditPlan) ->
     replay = _replay(population, refined, plan)
     count, nothing = replay.order.size, np.zeros(replay.order.size)
     waves = [replace(wave, model=nothing) for wave in replay.waves]
-    known = np.where(np.isnan(replay.outcome), 0.0, 1.0)
+    answered = np.where(np.isnan(replay.outcome), 0.0, 1.0)
     total = audit_total(
-        waves, known, replay.certain, weight=replay.weight, model=nothing, share=replay.share, group=np.arange(count)
+        waves, answered, replay.certain, weight=replay.weight, model=nothing, share=replay.share, group=np.arange(count)
     )
     return {int(replay.order[rank]): float(total.by_group[rank]) for rank in np.flatnonzero(total.by_group > 0)}
 
@@ -196,43 +196,43 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     certain, missing = certainty_stratum(refined, plan, order, lost)
     shared, doubt, common, of_samples = population.shared, None, None, None
     if shared is not None:
-        doubt, common = (np.asarray(each)[population.numbers[order]] for each in (shared.doubt, shared.model))
+        doubt, common = (np.asarray(values)[population.numbers[order]] for values in (shared.doubt, shared.model))
         of_samples = order
         certain = np.union1d(certain, np.flatnonzero(np.isin(population.numbers[order], shared.certain)))
     missing = np.union1d(missing, certain[~there[certain]])
-    known = there & np.isin(np.arange(count), certain)
+    settled = there & np.isin(np.arange(count), certain)
     waves: list[Wave] = []
     shares, rest, most = [np.zeros(0)], 1.0, min(plan.runs, count) - certain.size
     generator = np.random.default_rng(plan.seed)
 
     def state() -> _Replay:
-        outcome = np.where(known, value, np.nan)
+        outcome = np.where(settled, value, np.nan)
         # A rough run that broke off has no rank of its own, so it teaches the model nothing.
         usable = np.flatnonzero(~np.isnan(outcome))
         usable = usable[usable >= lost]
         model = common
         if model is None:
             model = predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
-        waiting = int((there & ~known).sum()) if missing.size else 0
+        waiting = int((there & ~settled).sum()) if missing.size else 0
         share = np.concatenate(shares)
-        return _Replay(order, weight, outcome, known.copy(), certain, tuple(waves), share, missing, waiting, model)
+        return _Replay(order, weight, outcome, settled.copy(), certain, tuple(waves), share, missing, waiting, model)
 
     so_far = state()
     while not missing.size and so_far.share.size < most and rest > SPENT and len(waves) != most_waves:
-        left = most - so_far.share.size
+        remaining = most - so_far.share.size
         floor = even_share(plan, waves, so_far.outcome, shared=shared is not None)
-        size = min(plan.wave(so_far.share.size), left)
+        size = min(plan.wave(so_far.share.size), remaining)
         wave = draw_wave(
-            generator, so_far.model, weight=weight, known=known, size=size, floor=floor, doubt=doubt, order=of_samples
+            generator, so_far.model, weight=weight, known=settled, size=size, floor=floor, doubt=doubt, order=of_samples
         )
-        share = _wave_share(population, so_far, plan, wave, rest, left)
+        share = _wave_share(population, so_far, plan, wave, rest, remaining)
         wave = replace(wave, ranks=wave.ranks[: share.size], probability=wave.probability[: share.size])
         missing = wave.ranks[~there[wave.ranks]]
         # Samples in doubt run longest: they begin, so that workers end a wave together.
         missing = missing[np.argsort(np.abs(wave.model[missing] - 0.5), kind="stable")]
         # Results of an incomplete wave wait for the others.
         if not missing.size:
-            known[wave.ranks] = True
+            settled[wave.ranks] = True
             waves.append(wave)
             shares.append(share)
             rest -= float(share.sum()) if plan.target_cov is not None else 0.0
@@ -423,8 +423,8 @@ def _whole_variance(
     Variance Estimation, Chapter 2).
     """
     if group is not None:
-        each = audit.by_group * audit.by_group.size
-        return max(float(each.var(ddof=1)) / each.size, variance), each.size - 1.0
+        share = audit.by_group * audit.by_group.size
+        return max(float(share.var(ddof=1)) / share.size, variance), share.size - 1.0
     both = variance + sampling
     # Welch and Satterthwaite, the part of the sampling being as good as known.
     return both, audit.effective_draws * (both / variance) ** 2 if variance > 0 else np.inf

@@ -116,11 +116,11 @@ def _of_samples(store: Store, tables: Mapping[str, Mapping[str, np.ndarray]]) ->
     for grid, columns in tables.items():
         numbers = columns["sample"].astype(int)
         text = {name: values.astype(object if values.dtype.kind == "U" else float) for name, values in columns.items()}
-        variables = {f"{grid}_{name}": ("sample", each, {"grid": grid}) for name, each in text.items()}
+        variables = {f"{grid}_{name}": ("sample", values, {"grid": grid}) for name, values in text.items()}
         del variables[f"{grid}_sample"]
         parts.append(xarray.Dataset(variables, {"sample": numbers}))
         coefficients |= {n: read_sample(store, grid, n).coefficients for n in numbers.tolist() if n not in coefficients}
-    empty = {name: "" if each.dtype == object else np.nan for part in parts for name, each in part.items()}
+    empty = {name: "" if values.dtype == object else np.nan for part in parts for name, values in part.items()}
     data = xarray.merge(parts, join="outer", fill_value=empty)
     data["sample"].attrs["long_name"] = "number of the sample"
     # A run that was given up has none.

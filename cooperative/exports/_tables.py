@@ -71,10 +71,10 @@ def tables_of(rows: Mapping[str, Rows], summary: Summary | None) -> dict[str, di
     """Columns of each grid's rows by name, with what the refined runs stand for by this summary; see `write_table`."""
     tables = {grid: dict(rows[grid].columns) for grid in GRIDS}
     if summary is not None:
-        known = [summary.probability.stands_for.get(number) for number in rows["refined"].numbers]
+        stands_for = [summary.probability.stands_for.get(number) for number in rows["refined"].numbers]
         for name in ("failed", "weight", "slide_weight"):
-            values = [None if each is None else getattr(each, name) for each in known]
-            tables["refined"][name] = np.array([np.nan if each is None else each for each in values], float)
+            values = [None if run is None else getattr(run, name) for run in stands_for]
+            tables["refined"][name] = np.array([np.nan if value is None else value for value in values], float)
     return tables
 
 

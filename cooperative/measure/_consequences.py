@@ -296,14 +296,14 @@ def checked(*run: np.ndarray) -> list[np.ndarray]:
     Raises:
         ValueError: shapes that do not fit, and numbers that are not finite.
     """
-    arrays = [np.asarray(each, dtype=float) for each in run]
+    arrays = [np.asarray(values, dtype=float) for values in run]
     shape = arrays[0].shape
     if len(shape) != 2 or shape[0] not in (2, 3) or shape[1] == 0:
         raise ValueError(f"position has shape {shape}: give (2, N) in a section or (3, N) in 3D, N at least 1")
     names, shapes = ("position", "displacement", "volume", "half_size"), (shape, shape, shape[1:], shape[:1])
-    for name, array, asked in zip(names, arrays, shapes, strict=True):
-        if array.shape != asked:
-            raise ValueError(f"{name} has shape {array.shape}: positions {shape} ask for {asked}")
+    for name, array, expected in zip(names, arrays, shapes, strict=True):
+        if array.shape != expected:
+            raise ValueError(f"{name} has shape {array.shape}: positions {shape} ask for {expected}")
         if not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite: pass only samples whose lane did not fail")
     return arrays

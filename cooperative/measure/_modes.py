@@ -152,8 +152,8 @@ def depth_profile(
     share = np.zeros(slices)
     for step in range(int((last - first).max()) + 1):
         at = first + step
-        left = low + at * width
-        overlap = np.minimum(y + half, left + width) - np.maximum(y - half, left)
+        edge = low + at * width
+        overlap = np.minimum(y + half, edge + width) - np.maximum(y - half, edge)
         np.add.at(share, np.minimum(at, last), volume[sliding] * np.maximum(overlap, 0.0))
     return largest_per_slice(first, last, below, slices), share / share.sum()
 

@@ -29,37 +29,37 @@ Bar = Callable[..., tqdm]
 
 
 @contextmanager
-def bars(folder: Path, wanted: bool) -> Iterator[Bar]:
-    """The bars of a campaign; none that shows anything unless wanted.
+def bars(folder: Path, shown: bool) -> Iterator[Bar]:
+    """The bars of a campaign; none that shows anything unless asked to.
 
     Args:
         folder: of the campaign.
-        wanted: whether they show.
+        shown: whether they show.
 
     Raises:
         OSError: the log cannot be written.
     """
-    if not wanted or (sys.stderr is not None and sys.stderr.isatty()):
-        yield partial(_bar, disable=not wanted, dynamic_ncols=True, bar_format=LAYOUT % " |{bar:20}|")
+    if not shown or (sys.stderr is not None and sys.stderr.isatty()):
+        yield partial(_bar, disable=not shown, dynamic_ncols=True, bar_format=LAYOUT % " |{bar:20}|")
         return
     with _log(folder / LOG) as log:
         yield partial(_bar, file=_Lines(log), bar_format=LAYOUT % ",", miniters=1, mininterval=EVERY, maxinterval=EVERY)
 
 
-def _bar(title: str, total: int | None, done: int, **look: object) -> tqdm:
-    return tqdm(desc=title, total=total, initial=done, **look)
+def _bar(title: str, total: int | None, done: int, **layout: object) -> tqdm:
+    return tqdm(desc=title, total=total, initial=done, **layout)
 
 
-def advance(bar: tqdm, known: Callable[[], str]) -> None:
-    """One more sample: how many there are per hour, and what is known by now.
+def advance(bar: tqdm, note: Callable[[], str]) -> None:
+    """One more sample: how many there are per hour, and what they show by now.
 
     Args:
         bar: of the samples.
-        known: gives what is known by now, in words.
+        note: gives what the runs show by now, in words.
     """
     if not bar.disable:
         hourly = 3600 * (bar.n + 1 - bar.initial) / max(bar.format_dict["elapsed"], 1e-9)
-        bar.set_postfix_str(f"{hourly:.3g} per hour, {known()}", refresh=False)
+        bar.set_postfix_str(f"{hourly:.3g} per hour, {note()}", refresh=False)
     bar.update()
 
 

@@ -114,9 +114,9 @@ def packed(campaign: Campaign) -> Packed:
 def unpacked(content: bytes) -> Campaign:
     """The campaign that a controller has sent."""
     campaign, pytrees = pickle.loads(content)
-    for each in pytrees:
-        if each not in PYTREES:
-            pytree(each)
+    for kind in pytrees:
+        if kind not in PYTREES:
+            pytree(kind)
     return campaign
 
 
@@ -271,9 +271,9 @@ def run_through(
     # The estimator chooses refined samples by what is known, so none of these may wait.
     places = workers.count + (0 if grid == "refined" else workers.ahead)
 
-    known = Packed(campaign.key)
+    key_alone = Packed(campaign.key)
 
-    def submit(number: int, packed: Packed = known) -> None:
+    def submit(number: int, packed: Packed = key_alone) -> None:
         nonlocal broken, refused
         try:
             future = workers.submit(run_sample, packed, grid, number, coefficients[number], stop_at, slides, folder)
@@ -309,10 +309,10 @@ def run_through(
                     raise
                 broken = broken or isinstance(error, BrokenExecutor)
                 deaths[number] += alone and not isinstance(error, _Refused)
-                left = deaths[number] < ATTEMPTS
-                then = "it runs again, alone" if left else f"it did so {ATTEMPTS} times alone and is given up"
+                again = deaths[number] < ATTEMPTS
+                then = "it runs again, alone" if again else f"it did so {ATTEMPTS} times alone and is given up"
                 warnings.warn(f"sample {number} lost its worker ({error}): {then}", stacklevel=2)
-                if left:
+                if again:
                     suspects.append(number)
                     continue
                 sample = Sample(number, LOST, 0, 0.0, np.zeros(0), {"displacement": 0.0, "broke_off": True})

@@ -50,10 +50,10 @@ def missing_device() -> str:
     try:
         jax.devices()
     except (RuntimeError, AssertionError) as error:
-        asked = os.environ.get("JAX_PLATFORMS") or jax.config.jax_platforms  # type: ignore[attr-defined]
+        platforms = os.environ.get("JAX_PLATFORMS") or jax.config.jax_platforms  # type: ignore[attr-defined]
         why = f": {error}" if str(error) else ""
         return (
-            f"JAX has no device on JAX_PLATFORMS = {asked}{why}. Leave JAX_PLATFORMS out or give cpu, or install "
+            f"JAX has no device on JAX_PLATFORMS = {platforms}{why}. Leave JAX_PLATFORMS out or give cpu, or install "
             "what JAX needs there"
         )
     return ""

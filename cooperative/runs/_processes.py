@@ -54,8 +54,8 @@ Task = tuple[Future[Any], bytes]
 class _Worker:
     """A process.
 
-    pipe: to it. cores: that it is bound to. started: whether it takes tasks. task: that it was given. begun: whether it
-    has received that.
+    pipe: to it. cores: that it is bound to. started: whether it takes tasks. task: that it was given. received:
+    whether it has that.
     """
 
     process: SpawnProcess
@@ -63,7 +63,7 @@ class _Worker:
     cores: list[int]
     started: bool = False
     task: Task | None = None
-    begun: bool = False
+    received: bool = False
 
 
 class Processes(Executor):
@@ -117,12 +117,12 @@ class Processes(Executor):
             # Inherited by the workers: a terminal sends Ctrl-C to all processes, and their controller stops them.
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            while self._hand_out():
+            while self._send_next():
                 ready = connection.wait([self.woken, *(worker.pipe for worker in self.workers)])
                 if self.woken in ready:
                     self.woken.recv_bytes()
-                for worker in [each for each in self.workers if each.pipe in ready]:
-                    self._hear(worker)
+                for worker in [worker for worker in self.workers if worker.pipe in ready]:
+                    self._receive(worker)
         except BaseException as error:
             self._fail(error)
         finally:
@@ -134,14 +134,14 @@ class Processes(Executor):
             for worker in self.workers:
                 worker.process.join()
 
-    def _hand_out(self) -> bool:
+    def _send_next(self) -> bool:
         """Give tasks to workers that are free, and begin workers for what waits; whether there is more to come."""
-        for worker in [each for each in self.workers if each.started and each.task is None]:
+        for worker in [worker for worker in self.workers if worker.started and worker.task is None]:
             with self.lock:
                 task = self.waiting.popleft() if self.waiting else None
             if task is None or not (task[0].running() or task[0].set_running_or_notify_cancel()):
                 continue
-            worker.task, worker.begun = task, False
+            worker.task, worker.received = task, False
             try:
                 worker.pipe.send_bytes(task[1])
             except OSError:
@@ -164,7 +164,7 @@ class Processes(Executor):
         self.free.remove(cores)
         self.workers.append(_Worker(process, here, cores))
 
-    def _hear(self, worker: _Worker) -> None:
+    def _receive(self, worker: _Worker) -> None:
         """Take in what a worker sends: that it has started, then of each task that it has it, and what comes of it."""
         try:
             outcome = worker.pipe.recv()
@@ -176,7 +176,7 @@ class Processes(Executor):
         if worker.task is None:
             worker.started, self.lost_at_start = True, 0
         elif outcome is None:
-            worker.begun = True
+            worker.received = True
         else:
             (future, _), worker.task = worker.task, None
             well, result = outcome
@@ -195,7 +195,7 @@ class Processes(Executor):
                 self._fail(self.unusable)
             elif not worker.started:
                 self._not_started(why)
-        elif worker.begun:
+        elif worker.received:
             worker.task[0].set_exception(WorkerLost(why))
         else:  # it was killed while it had no task
             self.waiting.appendleft(worker.task)

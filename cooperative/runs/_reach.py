@@ -93,9 +93,9 @@ def reach_of(campaign: Campaign) -> Reach | None:
             ways.append(run_out(height, behind, factor * cohesion / soil.unit_weight, factor * friction * drained))
     contact = getattr(shape, "interface", None)
     if contact is not None:
-        left = factor * contact.residual_ratio
-        friction = left * math.tan(math.radians(contact.friction)) * drained
-        ways += [run_out(height, behind, left * contact.cohesion / soil.unit_weight, friction) for soil in soils]
+        residual = factor * contact.residual_ratio
+        friction = residual * math.tan(math.radians(contact.friction)) * drained
+        ways += [run_out(height, behind, residual * contact.cohesion / soil.unit_weight, friction) for soil in soils]
     ground = shape.corner[0] + shape.extent[0] - shape.face.toe_x
     return Reach(max(ways), ground) if ways else None
 
@@ -115,9 +115,9 @@ def run_out(height: np.ndarray, behind: float, cohesion: float, friction: float)
         return 0.0
     centre, energy = float((height * x).mean()) * behind / area, float((height**2).mean()) * behind / 2
     length = behind * np.geomspace(1.0, LONGEST, POINTS)
-    left = energy - 9 / 16 * area**2 / length
+    rest = energy - 9 / 16 * area**2 / length
     lost = (cohesion * (behind + length) / 2 + friction * area) * (0.4 * length - centre)
-    enough = np.flatnonzero(left >= lost)
+    enough = np.flatnonzero(rest >= lost)
     return float(length[enough[-1]]) - behind if enough.size else 0.0
 
 

@@ -58,11 +58,11 @@ class Stop:
         self.number: int | None = None
         self.nothing_to_save = False
 
-    def asked(self) -> bool:
+    def requested(self) -> bool:
         """Whether to come to an end."""
         return self.number is not None
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Raise `Stopped` if a stop was asked for."""
         if self.number is not None:
             raise Stopped(self.number)
@@ -72,7 +72,7 @@ class Stop:
         """A stretch in which nobody looks and nothing would be lost: a signal ends it there and then."""
         self.nothing_to_save = True
         try:
-            self.look()
+            self.check()
             yield
         finally:
             self.nothing_to_save = False
@@ -131,7 +131,7 @@ def stop_by_signals(*, ends_process: bool = False) -> Iterator[Stop]:
         writer.close()
         listener.join()
         reader.close()
-    stop.look()
+    stop.check()
 
 
 def _listen(reader: socket.socket, numbers: list[int], stop: Stop, ends_process: bool) -> None:

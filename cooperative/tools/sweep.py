@@ -111,7 +111,7 @@ def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress:
     _claim(folder, source)
     with stop_by_signals():
         _share_audit(parts, folder, workers=workers, progress=progress)
-        return _ran(parts, folder, workers=workers, progress=progress)
+        return _run_all(parts, folder, workers=workers, progress=progress)
 
 
 class _ScreenedError(Exception):
@@ -127,7 +127,7 @@ def _share_audit(parts: list[Variant], folder: Path, *, workers: int, progress: 
     """Screen all campaigns that audit their rough results, and keep the audit that they share in the folder of each."""
     audited = [part for part in parts if isinstance(parse(part.source).estimator, Audited)]
     where = {part.name: own_folder(folder / "campaigns" / part.name) for part in audited}
-    if len(audited) < 2 or all(stored_measured(each).shared for each in where.values()):
+    if len(audited) < 2 or all(stored_measured(path).shared for path in where.values()):
         return
     populations = []
     for part in audited:
@@ -141,8 +141,8 @@ def _share_audit(parts: list[Variant], folder: Path, *, workers: int, progress: 
         release_programs()
         populations.append(_population(where[part.name]))
     shared = shared_audit(populations)
-    for each in where.values():
-        _write_measured(each, replace(stored_measured(each), shared=shared))
+    for path in where.values():
+        _write_measured(path, replace(stored_measured(path), shared=shared))
 
 
 def _population(folder: Path) -> Population:
@@ -167,7 +167,7 @@ def _write_measured(folder: Path, measured: Measured) -> None:
         write_measured(store, measured)
 
 
-def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) -> Content:
+def _run_all(parts: list[Variant], folder: Path, *, workers: int, progress: bool) -> Content:
     """All campaigns in turn, and their `sweep.json` and figures."""
     points: dict[str, list[Point]] = {}
     counted: dict[str, np.ndarray] = {}
@@ -213,8 +213,8 @@ def _ran(parts: list[Variant], folder: Path, *, workers: int, progress: bool) ->
     write_aside(folder / "sweep.json", text.encode())
     write_aside(folder / "sweep.csv", figures.table(base, parameters).encode())
     drawn = list(figures.drawn(base, parameters, fragility))
-    for each in drawn:
-        save(each.figure, own_folder(folder / "figures") / f"{each.name}.png")
+    for figure in drawn:
+        save(figure.figure, own_folder(folder / "figures") / f"{figure.name}.png")
     scene = _stored_source(folder)
     assert scene is not None
     write_aside(folder / "report.html", figures.page(base, parameters, drawn, scene.words).encode())
@@ -241,7 +241,7 @@ def _claim(folder: Path, source: Source) -> None:
     there = _stored_source(folder)
     if there is not None and there.tables != source.tables:
         raise ValueError(f"folder {folder} belongs to another sweep: give another folder, or the scene it has")
-    if there is None and folder.exists() and any(each.name != BESIDE for each in folder.iterdir()):
+    if there is None and folder.exists() and any(path.name != BESIDE for path in folder.iterdir()):
         raise ValueError(f"folder {folder} is not empty, and no sweep has begun there: give a new or empty folder")
     folder.mkdir(parents=True, exist_ok=True)
     if there is None:
@@ -322,7 +322,7 @@ def _fragility(
             continue
         z = [counted[row.campaign] for _, row in rows]
         spread = covariance_of(z, [variance[row.campaign] for _, row in rows], unit=unit)
-        levels, shares = [at for at, _ in rows], [float(each.mean()) for each in z]
+        levels, shares = [at for at, _ in rows], [float(values.mean()) for values in z]
         fitted = fit_fragility(levels, shares, spread, z[0].size, even=name == RECORDS)
         if fitted:
             curves[name] = fitted

@@ -158,8 +158,8 @@ def table(base: Point, parameters: Parameters) -> str:
             compared = ("", "", "", "") if change is None else (change.difference, *change.interval, change.resolved)
             answer = summary.probability.value, *summary.probability.interval
             counts = summary.cost.samples, summary.cost.refined_runs, point.campaign
-            places = [summary.consequences.elements_at_risk.get(each) for each in elements]
-            reached = ["" if each is None else each.reached.probability for each in places]
+            places = [summary.consequences.elements_at_risk.get(element) for element in elements]
+            reached = ["" if place is None else place.reached.probability for place in places]
             displaced = point.displacement or ("", "")
             rows.append([name, point.value, point.peak, *answer, *compared, *displaced, *counts, *reached])
     return csv_text(rows)
@@ -323,10 +323,12 @@ def differences(parameters: Parameters) -> Figure:
     """
     figure, panels = _by_parameter(parameters, "difference of $P_f$ to the base [-]")
     for ax, rows in panels:
-        known = [(row.value, change) for row in rows if (change := row.difference)]
-        values, changes = [value for value, _ in known], [change for _, change in known]
+        pairs = [(row.value, change) for row in rows if (change := row.difference)]
+        values, changes = [value for value, _ in pairs], [change for _, change in pairs]
         ax.axhline(0.0, color="0.6", lw=0.8)
-        _errorbar(ax, values, [each.difference for each in changes], [each.interval for each in changes], COLOURS[0])
+        _errorbar(
+            ax, values, [change.difference for change in changes], [change.interval for change in changes], COLOURS[0]
+        )
     return figure
 
 
@@ -357,8 +359,8 @@ def displacements(parameters: Parameters) -> Figure:
     """
     figure, panels = _by_parameter(parameters, "largest displacement, rough grid [m]")
     for ax, rows in panels:
-        known = [(row.value, each) for row in rows if (each := row.displacement)]
-        at, displaced = [value for value, _ in known], np.maximum([each for _, each in known], 1e-4)
+        pairs = [(row.value, each) for row in rows if (each := row.displacement)]
+        at, displaced = [value for value, _ in pairs], np.maximum([values for _, values in pairs], 1e-4)
         ax.plot(at, displaced[:, 1], "^-", color=COLOURS[1], label="90 % quantile")
         ax.plot(at, displaced[:, 0], "o-", color=COLOURS[0], label="median")
         ax.set_yscale("log")
@@ -375,12 +377,12 @@ def mode_ratios(parameters: Parameters) -> Figure:
     figure, panels = _by_parameter(parameters, "share of the failures [-]")
     handles: dict[str, Artist] = {}
     for ax, rows in panels:
-        known = [(row.value, modes) for row in rows if (modes := row.summary.modes.shares)]
+        pairs = [(row.value, modes) for row in rows if (modes := row.summary.modes.shares)]
         for number, (mode, (colour, marker)) in enumerate(STYLES.items()):
-            parts = [modes[mode] for _, modes in known]
+            parts = [modes[mode] for _, modes in pairs]
             if any(part.count for part in parts):
                 ratio, limits = [part.ratio for part in parts], [part.interval for part in parts]
-                values, shift = [value for value, _ in known], number - 1.5
+                values, shift = [value for value, _ in pairs], number - 1.5
                 _errorbar(ax, values, ratio, limits, colour, marker=marker, label=mode, shift=shift)
         ax.set_ylim(SHARES)
         handles |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}

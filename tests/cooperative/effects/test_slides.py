@@ -82,9 +82,9 @@ def test_as_many_slide_as_are_asked_for_in_whatever_order_they_run(seed, count, 
     while True:
         there = sorted(phases.answers)
         slides = Slides.of(phases, there, np.array([n in ended for n in there]), count, seed)
-        if not slides.wanted:
+        if not slides.missing:
             break
-        one = random.choice(slides.wanted)
+        one = random.choice(slides.missing)
         ended.add(one)
         phases = replace(phases, answers={**phases.answers, one: bool(failed[one])})
     assert there == numbers
@@ -110,9 +110,9 @@ def test_slides_of_an_earlier_draw_count_and_no_more_are_asked_for():
     numbers = sorted(audit.answers)
     ended = np.array([n in waiting[:6] or not audit.answers[n] for n in numbers])
     slides = Slides.of(audit, numbers, ended, 6, 5)
-    assert (slides.slid.sum(), slides.wanted, slides.planned) == (6, (), 6)
+    assert (slides.slid.sum(), slides.missing, slides.planned) == (6, (), 6)
     more = Slides.of(audit, numbers, ended, 8, 5)
-    assert (more.slid.sum(), len(more.wanted)) == (6, 2)
+    assert (more.slid.sum(), len(more.missing)) == (6, 2)
     none = Slides.of(audit, numbers, ended, 0, 5)
     assert (none.slid.sum(), none.planned) == (0, 0)
 

@@ -31,7 +31,7 @@ def drawn_classes(slides):
     table = rows(np.arange(200), displacement, mode=np.full(200, "", "<U8"), **own)
     table.columns["status"] = np.where(fails, "DECIDED", "SETTLED")
     before = rows(np.arange(200), rough)
-    wanted = slides_of(campaign, phases_of(campaign, before, table), table).wanted
+    wanted = slides_of(campaign, phases_of(campaign, before, table), table).missing
     drawn = np.isin(np.arange(200), wanted) if slides is not None else fails
     table.columns["status"][drawn] = "SETTLED"
     table.columns["mode"][drawn] = "deep"

@@ -43,8 +43,8 @@ def test_estimators_without_a_model_draw_their_slides_from_their_failures_alone(
     phases = phases.refined({n: (displacement[n], False) for n in range(30)})
     numbers, failed = list(range(30)), displacement[:30] > 1.0
     slides = Slides.of(phases, numbers, ~failed, 6, 1)
-    assert len(slides.wanted) == 6
-    assert all(failed[n] for n in slides.wanted)
+    assert len(slides.missing) == 6
+    assert all(failed[n] for n in slides.missing)
     every = Slides.of(phases, numbers, np.ones(30, bool), None, 1)
     np.testing.assert_allclose(every.weight, 1 / 30)
 

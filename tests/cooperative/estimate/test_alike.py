@@ -132,7 +132,7 @@ def test_a_target_is_not_met_without_a_failure():
     population, _, _ = campaign(200, 40, False)
     estimator = TwoPhase(target_cov=0.2)
     asked: dict[int, bool | None] = {}
-    while wanted := estimator.wanted(population, asked, 4, ()):
+    while wanted := estimator.next_runs(population, asked, 4, ()):
         asked |= dict.fromkeys(wanted, False)
     assert len(asked) >= 40
     assert estimator.estimate(population, asked).cov == np.inf

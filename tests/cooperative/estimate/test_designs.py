@@ -28,7 +28,7 @@ def play(estimator, displacement, failed, lanes=1, seed=0):
     under_way: list[int] = []
     generator = np.random.default_rng(seed)
     while True:
-        asked = estimator.wanted(population, answers, lanes, under_way)
+        asked = estimator.next_runs(population, answers, lanes, under_way)
         under_way += [number for number in asked if number not in under_way][: max(lanes - len(under_way), 0)]
         if not under_way:
             return population, answers
@@ -111,7 +111,7 @@ def test_the_audit_looks_first_where_the_campaign_begins_to_fail():
     displacement, failed = pair(300, 0.2, 0.95, 1)
     metre = play(TwoPhase(), displacement, failed)[1]
     population, answers = Population(0.3 * displacement, failure_displacement=0.3), {}
-    while asked := TwoPhase().wanted(population, answers, 1, ()):
+    while asked := TwoPhase().next_runs(population, answers, 1, ()):
         answers |= {sample: bool(failed[sample]) for sample in asked}
     assert answers.keys() == metre.keys()
     assert TwoPhase().estimate(population, answers).probability == pytest.approx(

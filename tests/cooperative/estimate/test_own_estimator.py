@@ -44,7 +44,7 @@ class EveryKth:
         order = rank_samples(population.rough_displacement, population.broke_off).order
         return order[self.k // 2 :: self.k].tolist()
 
-    def wanted(self, population, answers, lanes, under_way):
+    def next_runs(self, population, answers, lanes, under_way):
         missing = [s for s in self.chosen(population) if s not in answers and s not in under_way]
         return missing[: max(lanes - len(under_way), 0)]
 
@@ -63,7 +63,7 @@ class EveryKth:
         return []
 
     def why_finished(self, population, answers):
-        return None if self.wanted(population, answers, 1, ()) else f"every {self.k}. rank has run"
+        return None if self.next_runs(population, answers, 1, ()) else f"every {self.k}. rank has run"
 
 
 @pytest.fixture(scope="module")

@@ -30,10 +30,10 @@ class Dying:
 
 
 def see_one_die(stop):
-    assert not stop.asked()
+    assert not stop.requested()
     Dying()
-    assert stop.asked()
-    stop.look()
+    assert stop.requested()
+    stop.check()
     pytest.fail("nobody looked")
 
 
@@ -81,7 +81,7 @@ def test_within_another_one_and_in_other_threads_nothing_changes():
 
     def elsewhere():
         with stop_by_signals() as stop:
-            asked.append(stop.asked())
+            asked.append(stop.requested())
 
     thread = threading.Thread(target=elsewhere)
     thread.start()

@@ -35,7 +35,7 @@ def campaigns(
 def audit(population: Population, failed: np.ndarray, estimator: TwoPhase) -> list[list[int]]:
     """Samples of each wave, in any order within it."""
     answers, waves = {}, []
-    while asked := estimator.wanted(population, answers, SAMPLES, ()):
+    while asked := estimator.next_runs(population, answers, SAMPLES, ()):
         waves.append(sorted(asked))
         answers |= {sample: bool(failed[sample]) for sample in asked}
     return waves
