@@ -31,13 +31,13 @@ class Consolidation(NamedTuple):
     """History of Modified Cam Clay.
 
     Args:
-        mean: mean effective stress of the soil at rest (N,) Pa, positive in compression.
-        deviatoric: its q = sqrt(3 J2) (N,) Pa.
+        vertical: vertical effective stress of the soil at rest (N,) Pa, positive in compression.
+        mean: its mean effective stress (N,) Pa, positive in compression.
         compaction: plastic volumetric strain since then (N,), positive in compression.
     """
 
+    vertical: Array
     mean: Array
-    deviatoric: Array
     compaction: Array
 
 
@@ -46,9 +46,11 @@ class Consolidation(NamedTuple):
 class ModifiedCamClay(Law):
     """Clay that yields on the ellipse q^2 / M^2 + p (p - p_c) = 0 with associated flow, and hardens with its volume.
 
-    p_c = ocr p_e exp(compaction / (compression - swelling)), where p_e = p + q^2 / (M^2 p) is the ellipse through the
-    stress at rest. Bulk modulus K = p / swelling and the shear modulus follow the mean stress; Poisson's ratio is
-    constant. Stress is effective. The return is implicit, and M is the same in compression and extension.
+    p_c at rest is that of virgin soil under ocr times the vertical stress at rest, with a horizontal stress of
+    1 - sin(phi) of it, and at least the mean stress at rest. Plastic strain multiplies it by
+    exp(compaction / (compression - swelling)). So soil that elastic loading by gravity has sheared beyond its strength
+    yields from the first step on. Bulk modulus K = p / swelling and the shear modulus follow the mean stress; Poisson's
+    ratio is constant. Stress is effective. The return is implicit, and M is the same in compression and extension.
 
     Sources: Roscoe and Burland (1968), On the generalized stress-strain behaviour of wet clay; Muir Wood (1990),
     doi:10.1017/CBO9781139878272, Chapter 5; implicit return: Borja and Lee (1990), doi:10.1016/0045-7825(90)90152-C.
@@ -62,7 +64,7 @@ class ModifiedCamClay(Law):
         compression: slope lambda* of the virgin line, volumetric strain per ln p.
         swelling: slope kappa* of the swelling lines, likewise, below the compression.
         critical_state: M, q / p at the critical state.
-        ocr: overconsolidation ratio p_c / p_e at rest.
+        ocr: overconsolidation ratio, the largest vertical effective stress so far over that at rest.
         least_pressure: mean stress (Pa) below which stiffness and p_c do not fall, as at a free surface.
     """
 
@@ -89,18 +91,21 @@ class ModifiedCamClay(Law):
         return Consolidation(none, none, none)
 
     def history_at_rest(self, history: Consolidation, stress: Tensor) -> Consolidation:
-        """The mean and the deviatoric stress at rest, from which p_c follows with the law's own numbers."""
-        q = safe_sqrt(3 * second_invariant(deviator(stress)))
-        shape = history.mean.shape
-        return history._replace(
-            mean=jnp.broadcast_to(jnp.maximum(-mean(stress), 0), shape), deviatoric=jnp.broadcast_to(q, shape)
+        """The vertical and the mean stress at rest, from which p_c follows with the law's own numbers."""
+        upright = 0 if absent(stress[5]) else 2  # in 1D the axis is that of gravity
+        vertical, middle = (
+            jnp.broadcast_to(jnp.maximum(-each, 0), history.mean.shape) for each in (stress[upright], mean(stress))
         )
+        return history._replace(vertical=vertical, mean=middle)
 
     def preconsolidation(self, history: Consolidation) -> Array:
         """Size p_c of the ellipse (N,) Pa."""
-        p = jnp.maximum(history.mean, self.least_pressure)
-        at_rest = p + (history.deviatoric / self.critical_state) ** 2 / p
-        hardened = self.ocr * at_rest * jnp.exp(history.compaction / (self.compression - self.swelling))
+        m = self.critical_state
+        sine = 3 * m / (6 + m)
+        p, q = 1 - 2 * sine / 3, sine  # of virgin soil, over its vertical stress
+        at_rest = jnp.maximum(self.ocr * history.vertical * (p + (q / m) ** 2 / p), history.mean)
+        at_rest = jnp.maximum(at_rest, self.least_pressure)
+        hardened = at_rest * jnp.exp(history.compaction / (self.compression - self.swelling))
         return jnp.maximum(hardened, self.least_pressure)
 
     def bulk_modulus(self, pressure: Array, compaction: Array | float = 0.0) -> Array:

@@ -26,7 +26,7 @@ class CamClaySoil:
         compression: lambda* = lambda / (1 + e), volumetric strain per ln p on the virgin line.
         swelling: kappa* = kappa / (1 + e), below the compression.
         critical_state: M, q / p at the critical state, 6 sin(phi) / (3 - sin(phi)) for the friction angle phi.
-        ocr: overconsolidation ratio at rest, of the ellipse's size to that through the stress at rest.
+        ocr: overconsolidation ratio, the largest vertical effective stress so far over that at rest.
         poisson: Poisson's ratio.
         largest_pressure: mean effective stress (Pa) from which on stiffness grows no more, above all that the slope
             reaches; it limits the time step.

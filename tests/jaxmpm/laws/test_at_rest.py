@@ -68,3 +68,18 @@ def test_zones_remember_each_its_own_history():
     assert np.any(np.asarray(after.history[1].compaction[cam]))
     assert np.any(np.asarray(after.history[2].strain[undrained]))
     np.testing.assert_array_equal(after.history[2].rest[0], mobilised.rest[0])
+
+
+@pytest.mark.parametrize("soil", [CLAY, mpm.AnisotropicSoil(9e3, 8e3, 7e3)], ids=["clay", "anisotropic"])
+def test_a_column_is_the_same_in_one_and_two_dimensions(soil):
+    after = {}
+    for d in (1, 2):
+        scene, state = mpm.column(3.0, soil, mpm.Discretisation(1.0, (0.5,) * d, cell_average=False), k0=0.6)
+        fallen = replace(state, velocity=state.velocity.at[d - 1].set(-0.3 * scene.particles.position[d - 1]))
+        end = mpm.advance(scene, fallen, jnp.asarray(20))
+        order = np.argsort(np.asarray(scene.particles.position[-1]), kind="stable")[:: 2 if d == 2 else 1]
+        upright = 0 if d == 1 else 2
+        rest = np.asarray(state.history.vertical if soil is CLAY else -state.history.rest[upright])
+        after[d] = [np.asarray(each)[order] for each in (end.displacement[-1], end.stress[upright], rest)]
+    for one, two in zip(after[1], after[2], strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-3, atol=1e-3 * abs(two).max())

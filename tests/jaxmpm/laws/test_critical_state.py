@@ -37,6 +37,14 @@ def updated(law, strain, stress, history):
     return law.update(strain, stress, history)
 
 
+def size_of(ocr):
+    """p_c over the isotropic stress P0 at rest: of virgin soil under ocr P0, with Jaky's earth pressure at rest."""
+    phi = np.arcsin(3 * M / (6 + M))
+    k = 1 - np.sin(phi)
+    p, q = (1 + 2 * k) / 3, 1 - k
+    return max(ocr * (p + (q / M) ** 2 / p), 1.0)
+
+
 def ratio_of(eta):
     """p / p0 on the undrained path of normally consolidated clay at q / p = eta: Muir Wood (1990), Eq. 5.27."""
     return (M**2 / (M**2 + eta**2)) ** LAMBDA
@@ -68,9 +76,9 @@ def test_undrained_triaxial_of_normally_consolidated_clay_is_the_closed_form():
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("ocr", [1.0, 2.0, 4.0, 8.0])
 def test_undrained_strength_grows_with_the_overconsolidation_ratio(ocr):
-    # s_u = (M / 2) p0 (ocr / 2)^Lambda: Muir Wood (1990), Eq. 7.30.
+    # s_u = (M / 2) p0 (R / 2)^Lambda with R = p_c / p0: Muir Wood (1990), Eq. 7.30.
     test = element_test(clay(ocr=ocr), "triaxial undrained", pressure=P0, strain=0.5, steps=3000)
-    np.testing.assert_allclose(test.deviatoric[-1] / 2, M / 2 * P0 * (ocr / 2) ** LAMBDA, rtol=1e-3)
+    np.testing.assert_allclose(test.deviatoric[-1] / 2, M / 2 * P0 * (size_of(ocr) / 2) ** LAMBDA, rtol=1e-3)
 
 
 @pytest.mark.usefixtures("x64")
@@ -120,7 +128,7 @@ def drained(ocr, end):
         dp = bulk * (volume - flow * normal)
         return [dp, size * flow * normal / theta, 3 * dp]
 
-    done = solve_ivp(rates, (0, end), [P0, ocr * P0, 0.0], rtol=1e-9, atol=1e-6, max_step=end / 2000)
+    done = solve_ivp(rates, (0, end), [P0, size_of(ocr) * P0, 0.0], rtol=1e-9, atol=1e-6, max_step=end / 2000)
     return done.y[2, -1]
 
 
@@ -146,7 +154,7 @@ STRAIN = st.lists(st.floats(-5e-3, 5e-3), min_size=6, max_size=6)
 @settings(max_examples=60)
 def test_any_strain_ends_on_or_within_the_ellipse(strain, pressure, ocr):
     law, tensor = clay(ocr=ocr), tuple(jnp.asarray([each]) for each in strain)
-    history = Consolidation(jnp.asarray([pressure]), jnp.zeros(1), jnp.zeros(1))
+    history = Consolidation(jnp.asarray([pressure]), jnp.asarray([pressure]), jnp.zeros(1))
     start = tuple(jnp.asarray([-pressure * (k < 3)]) for k in range(6))
     stress, after = updated(law, tensor, start, history)
     p = -sum(stress[:3]) / 3
@@ -185,6 +193,25 @@ def test_a_slope_of_cam_clay_knows_its_stress_at_rest_and_stands():
     np.testing.assert_allclose(state.history.mean, jnp.maximum(at_rest, 0), rtol=1e-5)
     result = mpm.solve(scene, state, t_end=0.5).raise_if_failed()
     assert float(mpm.diagnostics.largest_displacement(result.state)) < 0.02
+
+
+def test_a_slope_too_steep_for_its_critical_state_slides():
+    shape = mpm.Slope(crest=4, height=4, run_per_rise=0.5, toe=6, foundation=1)
+    scene, state = mpm.slope(
+        shape, mpm.CamClaySoil(0.1, 0.02, 0.6, largest_pressure=100e3), mpm.Discretisation(1.0, (0.5, 0.5))
+    )
+    result = mpm.solve(scene, state, t_end=1.0).raise_if_failed()
+    assert float(mpm.diagnostics.largest_displacement(result.state)) > 0.2
+
+
+def test_level_ground_that_was_never_loaded_more_yields_where_it_is_loaded_more():
+    law = clay(jnp.float32)
+    test = element_test(
+        law, "oedometer", pressure=P0, k0=1 - np.sin(np.arcsin(3 * M / (6 + M))), strain=0.01, steps=100
+    )
+    assert float(test.history.compaction[-1]) > 0.005
+    stiff = element_test(clay(jnp.float32, ocr=3.0), "oedometer", pressure=P0, k0=0.7, strain=0.01, steps=100)
+    assert float(stiff.history.compaction[-1]) == 0
 
 
 def test_a_soil_that_swells_more_than_it_compresses_is_refused():
