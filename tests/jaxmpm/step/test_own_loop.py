@@ -53,6 +53,25 @@ def test_a_strength_that_is_not_a_number_does_not_stand(section):
     assert not np.isfinite(np.asarray(after.velocity)).all()
 
 
+NUMBERS = ("gravity", "flip", "damping", "wall_friction", "wall_cohesion", "particles.mass", "particles.volume")
+
+
+def test_no_number_of_a_scene_that_is_not_one_stands():
+    drawn = mpm.Section([(0, 4), (4, 4), (8, 2), (12, 2)], interface=mpm.Interface(20.0, cohesion=1e3))
+    numerics = mpm.Discretisation(1.0, (0.5, 0.5), flip=0.99, damping=0.1)
+    scene, state = mpm.section(drawn, SOIL, numerics, at_rest=False)
+    assert int(looped(scene, state, 4).status) == mpm.Status.RUNNING
+    stood = []
+    for name in NUMBERS:
+        head, _, tail = name.partition(".")
+        owner = getattr(scene, head) if tail else scene
+        value = getattr(owner, tail or head)
+        spoilt = replace(owner, **{tail or head: value.at[..., -1].set(jnp.nan) if value.ndim else value * jnp.nan})
+        after = looped(replace(scene, **{head: spoilt}) if tail else spoilt, state, 4)
+        stood += [] if int(after.status) == mpm.Status.NOT_FINITE else [name]
+    assert stood == []
+
+
 def test_steps_that_are_too_long_say_so(section):
     scene, state = section
     after = looped(scene, state, 200, dt=5 * scene.numerics.time_step)
