@@ -39,7 +39,7 @@ STEPS: dict[str, dict[str, Any]] = {
 }
 # What is promised of a step beside XLA's, by issue; the others are shown.
 AT_MOST = {"refined": 0.55, "rough, 64 lanes": 0.6, "section, 256 lanes": 1.0}
-ENGINES = {"XLA": Engine.XLA, "CUDA": None}
+ENGINES = {"CUDA": None, "XLA": Engine.XLA}
 
 
 def microseconds(run: Callable[[jax.Array], jax.Array], position: jax.Array, calls: int = 50) -> float:
@@ -109,7 +109,9 @@ def steps(names: list[str], seconds: float) -> Iterator[dict[str, Any]]:
             particles = result["particles"] * case.batch
             us = result["us"][len(result["us"]) // 2]
             row |= {"particles": particles, f"{label}_us": round(us * particles, 1), f"{label}_ns": round(1e3 * us, 3)}
-            row |= {f"{label}_compile_s": round(result["compile_s"], 1), f"{label}_peak_mb": round(result["peak_mb"])}
+            row |= {f"{label}_compile_s": round(result["compile_s"], 1)}
+            # Of the process so far, so that only the first case tells what it takes.
+            row |= {f"{label}_peak_mb": round(result["peak_mb"])}
             jax.clear_caches()
         jax.config.update("jax_enable_x64", False)
         if "XLA_us" in row and "CUDA_us" in row:
@@ -127,7 +129,7 @@ def gradients() -> Iterator[dict[str, Any]]:
 
         def reached(strength: jax.Array, scene: mpm.Scene = scene) -> jax.Array:
             varied = replace(scene, material=replace(scene.material, strength=strength))
-            return objectives.log_displacement(mpm.replay(varied, state, 100, memory=8.0)[0])
+            return objectives.log_displacement(mpm.replay(varied, state, 100, memory=2e9)[0])
 
         row: dict[str, Any] = {"gradient": "rough, 100 steps", "engine": label}
         for name, run in (("forward", jax.jit(reached)), ("both", jax.jit(jax.value_and_grad(reached)))):
@@ -140,10 +142,10 @@ def gradients() -> Iterator[dict[str, Any]]:
             row |= {f"{name}_us": round(1e4 * sorted(spent)[2], 1)}
         found[label] = np.asarray(result[1])
         row |= {"over_forward": round(row["both_us"] / row["forward_us"], 2), "at_most": 3.5}
-        if label == "CUDA":
+        row |= {"repeats": bool(np.array_equal(found[label], run(strength)[1]))}
+        if len(found) == len(ENGINES):
             apart = np.abs(found["CUDA"] - found["XLA"]).max() / np.abs(found["XLA"]).max()
-            again = bool(np.array_equal(found[label], run(strength)[1]))
-            row |= {"apart_from_XLA": float(f"{apart:.2e}"), "repeats": again}
+            row |= {"engines_apart": float(f"{apart:.2e}")}
         yield row
 
 

@@ -6,6 +6,7 @@ import math
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from matplotlib import image
@@ -148,6 +149,21 @@ def test_figures_of_slopes_are_those_of_their_finest_cells():
 def test_core_counts_beyond_the_machine_are_refused():
     with pytest.raises(ValueError, match="4096 cores asked for"):
         measure.on_cores(4096, "benchmarks.speed.throughput_case", "{}")
+
+
+def test_warnings_of_a_process_on_its_cores_are_shown(tmp_path, monkeypatch):
+    (tmp_path / "child.py").write_text("import warnings\nwarnings.warn('mind the step')\nprint('{}')\n")
+    monkeypatch.setattr(measure, "ROOT", tmp_path)
+    with pytest.warns(UserWarning, match="child: mind the step"):
+        assert measure.on_cores(1, "child") == {}
+
+
+def test_peak_memory_is_that_of_the_device_where_it_tells(monkeypatch):
+    monkeypatch.setattr(measure.jax, "devices", lambda: [SimpleNamespace(memory_stats=lambda: None)])
+    assert 10 < measure.peak_memory_mb() < 1e6
+    held = {"peak_bytes_in_use": 3 * 2**20}
+    monkeypatch.setattr(measure.jax, "devices", lambda: [SimpleNamespace(memory_stats=lambda: held)])
+    assert measure.peak_memory_mb() == 3
 
 
 @pytest.fixture(scope="module")

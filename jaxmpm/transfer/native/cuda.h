@@ -24,6 +24,7 @@ namespace jaxmpm {
 constexpr int32_t kSegments = 8;      // at most so many parts of a column are summed side by side
 constexpr int kMaxJets = 10;      // derivatives of order 0 to 2 in three dimensions
 constexpr int kMaxTerms = 120;
+constexpr int64_t kFewNumbers = int64_t{1} << 19;  // whose copies cost less than two more launches
 
 // The arrays of all lanes: `step` numbers from one to the next, 0 where they share it.
 struct Lanes {
@@ -77,8 +78,11 @@ inline Cut cut_of(const Plan& plan) {
   return {length, (stencils + length - 1) / length};
 }
 
-// Copies of the nodes that a scatter sums into; 0 where it sums into the nodes themselves.
-inline int32_t copies_of(int32_t dimension) { return dimension == 1 ? 0 : kStencil; }
+// Copies of the nodes, of so many numbers in all lanes, that a scatter sums into; 0 where it sums into the nodes themselves. Few
+// numbers have a copy for each column that meets a node, so that one launch sums all of them: the sums are the same.
+inline int32_t copies_of(int32_t dimension, int64_t numbers) {
+  return dimension == 1 ? 0 : dimension == 3 && numbers <= kFewNumbers ? kStencil * kStencil : kStencil;
+}
 
 // Each returns false, and launches nothing, where no kernel was compiled for the plan.
 struct CudaKernels {

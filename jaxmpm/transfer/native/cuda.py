@@ -75,7 +75,7 @@ def fault() -> str | None:
 def _loaded(path: Path) -> ctypes.CDLL:
     kernels = ctypes.CDLL(str(path))
     helpers = {
-        "jaxmpm_cuda_copies": (ctypes.c_int32, [ctypes.c_int32]),
+        "jaxmpm_cuda_copies": (ctypes.c_int32, [ctypes.c_int32, ctypes.c_int64]),
         "jaxmpm_cuda_bytes_to_order": (ctypes.c_int64, [ctypes.c_int64, ctypes.c_int64]),
         "jaxmpm_cuda_fault": (ctypes.c_char_p, []),
     }
@@ -101,7 +101,7 @@ def scatter(
     columns: dict[int, Array] = {}
     for group in _groups(terms, channels):
         shape = (lanes, grid.nodes, native.width(len(group)))
-        copies = _loaded(_built()).jaxmpm_cuda_copies(grid.dimension)
+        copies = _loaded(_built()).jaxmpm_cuda_copies(grid.dimension, math.prod(shape))
         results = [jax.ShapeDtypeStruct(of, position.dtype) for of in (shape, (copies, math.prod(shape)))]
         call = jax.ffi.ffi_call("jaxmpm_cuda_scatter", results)
         nodal, _ = call(position, *order, *blocks, **native.attributes(grid, kernel, _renumbered(terms, group)))

@@ -151,7 +151,8 @@ ffi::Error scatter_handler(cudaStream_t stream, ffi::AnyBuffer position, ffi::An
   if (wrong.empty()) wrong = check_lanes(*blocks, batch);
   if (wrong.empty()) wrong = check_order(c, position, list, offsets);
   if (wrong.empty() && c.plan.stride != c.plan.width) wrong = "the nodal array is not padded to the kernels' width";
-  if (wrong.empty() && copies->size_bytes() < nodal->size_bytes() * copies_of(c.plan.dimension)) wrong = "there are too few copies of the nodes";
+  const int64_t numbers = nodal->element_count();
+  if (wrong.empty() && static_cast<int64_t>(copies->element_count()) < numbers * copies_of(c.plan.dimension, numbers)) wrong = "there are too few copies of the nodes";
   if (!wrong.empty()) return invalid(wrong);
   Transfer transfer = transfer_of(c, batch[0], position, *nodal, stream);
   if (wrong = take_terms(c, rows_of(*blocks), transfer.terms); !wrong.empty()) return invalid(wrong);
@@ -251,8 +252,8 @@ auto cell_sums_binding() {
 }  // namespace jaxmpm
 
 #pragma GCC visibility push(default)
-// Copies of its nodes that a scatter takes.
-extern "C" int32_t jaxmpm_cuda_copies(int32_t dimension) { return jaxmpm::copies_of(dimension); }
+// Copies that a scatter takes of its nodes, of so many numbers in all lanes.
+extern "C" int32_t jaxmpm_cuda_copies(int32_t dimension, int64_t numbers) { return jaxmpm::copies_of(dimension, numbers); }
 // Bytes of scratch of an order or of sums in cells, for the particles and the nodes or cells of all lanes that have an order.
 extern "C" int64_t jaxmpm_cuda_bytes_to_order(int64_t particles, int64_t places) { return jaxmpm::bytes_to_order(particles, places); }
 // Why this machine's GPU does not run the library; null where it does.

@@ -119,9 +119,16 @@ __device__ __forceinline__ void add_to(double* at, const double (&sums)[W]) {
   for (int c = 0; c < W; ++c) atomicAdd(at + c, sums[c]);
 }
 
-// The columns that a launch sums: all along the last axis but one, every third along the one before, from `first` on.
+// The columns that a launch sums: all along the last axis but one, every `every`-th along the one before, from `first` on.
 struct Columns {
-  int32_t first, along_first, along_second;
+  int32_t first, every, along_first, along_second;
+};
+
+// The row that a channel meets through a derivative, or the first of several.
+struct Slot {
+  const void* data;
+  int32_t step;
+  float factor;  // 0 for none
 };
 
 template <class T>
@@ -132,6 +139,8 @@ struct ScatterGiven {
   Order order;
   Lanes position, nodal;  // `nodal` of the first copy
   int64_t copy;           // numbers from one copy to the next
+  Slot slots[kMaxJets * kGroup];
+  bool several;           // rows for some slot
   Terms terms;
 };
 
@@ -144,6 +153,12 @@ struct Scatter {
   static constexpr int kNodes = power_of_three(D), kColumns = kNodes / kStencil;
   static constexpr int kWeights = padded_to_four(D * kStencil * (kOrder + 1));
   static constexpr int kFirst = jets_of(D, FIRST) * kGroup, kSecond = jets_of(D, SECOND) * kGroup;
+  // The bucket of slot i, and whether its channel is used.
+  JAXMPM_NUMBER static int bucket_of(int i) {
+    return i < kFirst ? (first_jet(FIRST) + i / kGroup) * kMaxChannels + i % kGroup
+                      : (first_jet(SECOND) + (i - kFirst) / kGroup) * kMaxChannels + kGroup + i % kGroup;
+  }
+  JAXMPM_NUMBER static bool is_used(int i) { return USED >> (bucket_of(i) % kMaxChannels) & 1; }
   // A particle's weights, then what it brings to each channel through each derivative.
   static constexpr int kRecord = record_of(kWeights + kFirst + kSecond);
   // Sums at the two lowest nodes of each segment, of the segment itself and of the one below.
@@ -236,12 +251,13 @@ template <class T, int D, int FIRST, int SECOND, int USED>
 __device__ __forceinline__ void fill_record(const ScatterGiven<T>& given, int32_t lane, int32_t p, const Place<T, D>& place,
                                             T* record) {
   using S = Scatter<T, D, FIRST, SECOND, USED>;
-  constexpr int kFirstJets = jets_of(D, FIRST), kSecondJets = jets_of(D, SECOND);
-  T first[kFirstJets][kGroup], second[kSecondJets + 1][kGroup];
+  constexpr int kSlots = S::kFirst + S::kSecond;
+  T brought[kSlots];
 #pragma unroll
-  for (int j = 0; j < kFirstJets; ++j) read_brought<T, kGroup>(given.terms, lane, p, first_jet(FIRST) + j, 0, first[j]);
-#pragma unroll
-  for (int j = 0; j < kSecondJets; ++j) read_brought<T, kGroup>(given.terms, lane, p, first_jet(SECOND) + j, kGroup, second[j]);
+  for (int i = 0; i < kSlots; ++i) {
+    const Slot& slot = given.slots[i];
+    brought[i] = S::is_used(i) ? static_cast<const T*>(slot.data)[int64_t{lane} * slot.step + p] : T(0);
+  }
 #pragma unroll
   for (int axis = 0; axis < D; ++axis) {
 #pragma unroll
@@ -253,9 +269,22 @@ __device__ __forceinline__ void fill_record(const ScatterGiven<T>& given, int32_
     }
   }
 #pragma unroll
-  for (int i = 0; i < S::kFirst; ++i) record[S::kWeights + i] = first[i / kGroup][i % kGroup];
+  for (int i = 0; i < kSlots; ++i) {
+    const T factor = T(given.slots[i].factor);
+    if (S::is_used(i)) brought[i] = factor == 0 ? T(0) : factor * brought[i];
+  }
+  if (given.several) {
 #pragma unroll
-  for (int i = 0; i < S::kSecond; ++i) record[S::kWeights + S::kFirst + i] = second[i / kGroup][i % kGroup];
+    for (int i = 0; i < kSlots; ++i) {
+      const Terms& terms = given.terms;
+      for (int t = terms.start[S::bucket_of(i)] + 1; t < terms.start[S::bucket_of(i) + 1]; ++t) {
+        const Terms::Entry& entry = terms.entry[t];
+        brought[i] += T(entry.factor) * static_cast<const T*>(entry.data)[int64_t{lane} * entry.step + p];
+      }
+    }
+  }
+#pragma unroll
+  for (int i = 0; i < kSlots; ++i) record[S::kWeights + i] = brought[i];
 }
 
 template <class T, int D, int FIRST, int SECOND, int USED>
@@ -273,7 +302,7 @@ __global__ void __launch_bounds__(kWarp * kSegments) scatter_columns(const __gri
   const int64_t of_lane = int64_t{given.columns.along_first} * given.columns.along_second;
   const int32_t lane = static_cast<int32_t>(blockIdx.x / of_lane);
   const int32_t number = static_cast<int32_t>(blockIdx.x % of_lane), along_second = given.columns.along_second;
-  const int32_t x = D == 3 ? given.columns.first + kStencil * (number / along_second) : D == 2 ? number : 0;
+  const int32_t x = D == 3 ? given.columns.first + given.columns.every * (number / along_second) : D == 2 ? number : 0;
   const int32_t y = D == 3 ? number % along_second : 0;
   const int32_t second_nodes = D == 3 ? axes.nodes[1] : 1, last_nodes = axes.nodes[D - 1];
   const int64_t all_columns = D == 1 ? 1 : int64_t{axes.nodes[0]} * second_nodes;
@@ -288,10 +317,11 @@ __global__ void __launch_bounds__(kWarp * kSegments) scatter_columns(const __gri
 
   const T* const position = static_cast<const T*>(given.position.data) + lane * given.position.step;
   T* const nodal = static_cast<T*>(given.nodal.data) + int64_t{lane} * given.nodal.step;
+  const auto copy_of = [&](int32_t dx, int32_t dy) { return D == 1 ? 0 : D == 2 ? dx : given.columns.every == 1 ? kStencil * dy + dx : dy; };
   const auto node_at = [&](int32_t of_column, int32_t z) {
     const int32_t dx = D == 3 ? of_column / kStencil : of_column, dy = D == 3 ? of_column % kStencil : 0;
     const int64_t row = D == 1 ? 0 : int64_t{x + dx} * second_nodes + y + dy;
-    return nodal + (D == 1 ? 0 : D == 2 ? dx : dy) * given.copy + (row * last_nodes + z) * S::kWidth;
+    return nodal + copy_of(dx, dy) * given.copy + (row * last_nodes + z) * S::kWidth;
   };
   for (int32_t segment = warp; segment < cut.count; segment += warps) {
     const int32_t start = segment * cut.length, stop = start + cut.length;
@@ -352,16 +382,25 @@ __global__ void __launch_bounds__(kWarp * kSegments) scatter_columns(const __gri
   }
 }
 
-template <class T>
-__global__ void __launch_bounds__(kThreads) sum_copies(const T* copies, int64_t count, T* nodal) {
+// Sums copies, COPIES of each, of which those for columns along the first axis are summed in the order of launches for them.
+template <class T, int COPIES>
+__global__ void __launch_bounds__(kThreads) sum_copies(const T* copies, int64_t count, int64_t fours_of_plane, int32_t planes, T* nodal) {
   const int64_t i = int64_t{blockIdx.x} * kThreads + threadIdx.x;
   if (i >= count) return;
-  Four<T> sum = reinterpret_cast<const Four<T>*>(copies)[i];
+  const auto four = [&](int64_t copy) { return reinterpret_cast<const Four<T>*>(copies)[copy * count + i]; };
+  const int plane = static_cast<int>(i / fours_of_plane % planes % kStencil);
+  Four<T> sum{};
 #pragma unroll
-  for (int copy = 1; copy < kStencil; ++copy) {
-    const Four<T> next = reinterpret_cast<const Four<T>*>(copies)[copy * count + i];
+  for (int second = 0; second < kStencil; ++second) {
+    Four<T> part = COPIES == kStencil ? four(second) : Four<T>{};
 #pragma unroll
-    for (int c = 0; c < kGroup; ++c) sum.of[c] += next.of[c];
+    for (int launch = 0; launch < (COPIES == kStencil ? 0 : kStencil); ++launch) {
+      const Four<T> next = four(kStencil * second + (plane + kStencil - launch) % kStencil);
+#pragma unroll
+      for (int c = 0; c < kGroup; ++c) part.of[c] += next.of[c];
+    }
+#pragma unroll
+    for (int c = 0; c < kGroup; ++c) sum.of[c] += part.of[c];
   }
   reinterpret_cast<Four<T>*>(nodal)[i] = sum;
 }
@@ -373,12 +412,22 @@ bool launch_scatter(const Transfer& transfer) {
   int64_t nodes = 1;
   for (int axis = 0; axis < D; ++axis) nodes *= plan.shape[axis];
   const int64_t of_lane = nodes * S::kWidth, of_all = transfer.lanes * of_lane;
-  ScatterGiven<T> given{Axes<T>(plan), cut_of(plan), {}, transfer.order, transfer.position, transfer.nodal, of_all, transfer.terms};
-  if (D > 1) given.nodal = {transfer.copies, of_lane};
-  cudaMemsetAsync(given.nodal.data, 0, sizeof(T) * of_all * std::max(copies_of(D), 1), transfer.stream);
+  const int copies = copies_of(D, of_all);
+  ScatterGiven<T> given{Axes<T>(plan), cut_of(plan), {}, transfer.order, transfer.position, transfer.nodal, of_all};
+  given.terms = transfer.terms;
+  for (int i = 0; i < S::kFirst + S::kSecond; ++i) {
+    const int start = given.terms.start[S::bucket_of(i)], end = given.terms.start[S::bucket_of(i) + 1];
+    const Terms::Entry& entry = given.terms.entry[start];
+    given.slots[i] = start < end ? Slot{entry.data, entry.step, entry.factor} : Slot{transfer.position.data, 0, 0};
+    given.several |= end - start > 1;
+  }
+  if (copies > 0) given.nodal = {transfer.copies, of_lane};
+  cudaMemsetAsync(given.nodal.data, 0, sizeof(T) * of_all * std::max(copies, 1), transfer.stream);
   const int threads = kWarp * S::warps_of(given.cut.count), bytes = S::bytes_of(given.cut.count);
-  for (int first = 0; first < (D == 3 ? kStencil : 1); ++first) {
-    given.columns = {first, D == 3 ? (plan.shape[0] - first) / kStencil : 1, D == 1 ? 1 : plan.shape[D - 2] - kStencil + 1};
+  const int launches = D == 3 && copies == kStencil ? kStencil : 1;
+  for (int first = 0; first < launches; ++first) {
+    const int32_t along_first = D == 3 ? (plan.shape[0] - kStencil - first) / launches + 1 : 1;
+    given.columns = {first, launches, plan.shape[0] - kStencil < first ? 0 : along_first, D == 1 ? 1 : plan.shape[D - 2] - kStencil + 1};
     const int64_t blocks = transfer.lanes * given.columns.along_first * given.columns.along_second;
     if (blocks > INT32_MAX) return false;
     if (blocks > 0) {
@@ -386,10 +435,15 @@ bool launch_scatter(const Transfer& transfer) {
     }
   }
   if constexpr (D > 1) {
-    const int64_t count = of_all / kGroup, blocks = (count + kThreads - 1) / kThreads;
+    const int64_t count = of_all / kGroup, blocks = (count + kThreads - 1) / kThreads, plane = of_lane / plan.shape[0] / kGroup;
     if (blocks > INT32_MAX) return false;
-    JAXMPM_LAUNCH((sum_copies<T>), static_cast<unsigned>(blocks), kThreads, 0, transfer.stream,
-                  static_cast<const T*>(transfer.copies), count, static_cast<T*>(transfer.nodal.data));
+    const T* const from = static_cast<const T*>(transfer.copies);
+    T* const to = static_cast<T*>(transfer.nodal.data);
+    if (copies == kStencil) {
+      JAXMPM_LAUNCH((sum_copies<T, kStencil>), static_cast<unsigned>(blocks), kThreads, 0, transfer.stream, from, count, plane, plan.shape[0], to);
+    } else {
+      JAXMPM_LAUNCH((sum_copies<T, kStencil * kStencil>), static_cast<unsigned>(blocks), kThreads, 0, transfer.stream, from, count, plane, plan.shape[0], to);
+    }
   }
   return true;
 }

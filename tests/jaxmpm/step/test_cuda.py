@@ -179,6 +179,17 @@ def test_sums_do_not_depend_on_the_batch_and_repeat_bit_for_bit():
             np.testing.assert_array_equal(d[lane], e)
 
 
+def test_sums_are_those_of_few_lanes_in_a_batch_of_many():
+    """Few nodes have a copy for each column that meets them, many only one for those beside each other."""
+    rng, grid, kernel = np.random.default_rng(0), Grid((8, 7, 26), 1.0, (0.0, 0.0, 0.0)), GIMP((0.25,) * 3)
+    lanes = 2 + 2**19 // (grid.nodes * 4)
+    position = jnp.asarray(rng.uniform(size=(3, 300)) * (np.array(grid.shape)[:, None] - 3) + 1, jnp.float32)
+    carried = jnp.asarray(rng.normal(size=(3, 300)), jnp.float32) * jnp.ones((lanes, 1, 1))
+    each = jax.vmap(lambda c: p2g(grid, kernel, position, c, None))
+    many, few = jax.jit(each)(carried), jax.jit(each)(carried[:2])
+    np.testing.assert_array_equal(many[-2:], few)
+
+
 def test_nested_batches_share_what_they_share():
     grid, (position, carried, stress) = lanes_of_particles(2, 60)
     kernel = GIMP((0.25, 0.25, 0.25))

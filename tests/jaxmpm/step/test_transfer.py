@@ -23,6 +23,7 @@ from scipy.integrate import quad
 from jaxmpm.grid import Grid
 from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native
 from jaxmpm.transfer import _transfers as transfer
+from jaxmpm.transfer.native import cuda
 from jaxmpm.types import Engine
 
 CELL = 1.3
@@ -34,7 +35,11 @@ p2g = jax.jit(transfer.p2g, static_argnames=("grid", "kernel", "engine"))
 g2p = jax.jit(transfer.g2p, static_argnames=("grid", "kernel", "values", "gradients", "engine"))
 
 COMPILER = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
-needs_native = pytest.mark.skipif(not native.available(), reason="native kernels were not built")
+engine_here = cuda if jax.default_backend() == "gpu" else native
+needs_cpu_kernels = pytest.mark.skipif(
+    engine_here is not native or not native.available(), reason="native kernels for CPU were not built, or do not run"
+)
+needs_native = pytest.mark.skipif(not engine_here.available(), reason="native kernels were not built")
 
 
 def kernel_of(name: str, d: int):
@@ -249,7 +254,7 @@ def thread_case():
     return both(position, carried, stress), jax.vmap(both)(*lanes), single
 
 
-@needs_native
+@needs_cpu_kernels
 def test_results_do_not_depend_on_threads_or_on_the_batch():
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:
@@ -282,6 +287,19 @@ def test_runs_on_xla_and_says_so_once_without_the_library(x64, monkeypatch):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             native.available()
+
+
+def test_transfers_for_other_devices_do_not_ask_for_the_library_of_cpus(monkeypatch):
+    """Whose lack is warned of where a program is compiled for a CPU, not where one is traced."""
+
+    def asked():
+        raise AssertionError("the library was asked for")
+
+    monkeypatch.setattr(native, "available", asked)
+    grid, position, carried, stress = data(2, 5)
+    kernel = kernel_of("gimp", 2)
+    nodal = jax.eval_shape(lambda x: transfer.p2g(grid, kernel, x, carried, stress), position)
+    assert nodal.shape == (grid.nodes, 5)
 
 
 def test_a_library_of_other_sources_is_refused(monkeypatch):
@@ -352,7 +370,7 @@ REFUSED = [
 ]
 
 
-@needs_native
+@needs_cpu_kernels
 @pytest.mark.parametrize(("changed", "message"), REFUSED, ids=[f"{list(c)}: {m}" for c, m in REFUSED])
 def test_kernels_refuse_what_they_cannot_do(changed, message):
     """Straight to the library, past the checks in Python: three lanes of five particles on 9 x 7 nodes."""
