@@ -105,17 +105,9 @@ def _gauss(ends: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def one_layer(
-    alpha: float,
-    conductivity: float,
-    capacity: float,
-    depth: float,
-    before: float,
-    rain: float,
-    z: np.ndarray,
-    t: float,
-) -> np.ndarray:
+def one_layer(soil: Layered, before: float, rain: float, z: np.ndarray, t: float) -> np.ndarray:
     """Pressure heads (m) of one layer as Srivastava and Yeh (1991), doi:10.1029/90WR02772, print them."""
+    alpha, (depth,), (conductivity,), (capacity,) = soil.alpha, soil.thickness, soil.conductivity, soil.capacity
     length, height, time = alpha * depth, alpha * z, alpha * conductivity * t / capacity
     ends = (np.arange(400) + 0.5) * math.pi / length, (np.arange(400) + 1.0) * math.pi / length
     equation = lambda x: math.sin(x * length) + 2 * x * math.cos(x * length)  # noqa: E731

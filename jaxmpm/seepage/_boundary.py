@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol, TypeAlias
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxmpm.grid import static
 from jaxmpm.seepage._cells import Cells, Faces, Side
@@ -20,7 +21,7 @@ from jaxmpm.support.pytrees import pytree
 from jaxmpm.support.text import shown
 
 Soil: TypeAlias = VanGenuchten | Gardner
-InTime: TypeAlias = float | tuple[Sequence[float], Sequence[float]]
+InTime: TypeAlias = ArrayLike | tuple[Sequence[float], Sequence[float]]
 """A number, or times (s) and the values from there on: rates hold until the next time, levels are linear between."""
 
 
@@ -241,14 +242,14 @@ class Drain:
     Args:
         places: cells of the pipes; z is the pipe's, area its length.
         radius: of the pipes (m).
-        edges: of a cell across the pipes (m); static.
         head: total head in the pipes above the cells' corner (m); None if they are full of air at their own height.
+        edges: of a cell across the pipes (m); static.
     """
 
     places: Places
     radius: Array
-    edges: tuple[float, float] = static()
     head: Series | None
+    edges: tuple[float, float] = static()
 
     def inflow(self, soil: Soil, shape: Shape, head: Array, start: Array, end: Array) -> Array:
         """Inflow (nf,) m3/s in a step from `start` to `end` (s) into cells of soil with pressure heads (nf,) m."""
@@ -295,17 +296,16 @@ def series(name: str, value: InTime, *, stepped: bool, above: float = 0.0) -> Se
     Raises:
         ValueError: If the times do not rise, or there are not as many values.
     """
-    if isinstance(value, tuple):
-        if len(value) != 2 or np.ndim(value[0]) != 1 or np.shape(value[0]) != np.shape(value[1]) or not len(value[0]):
-            raise ValueError(f"{name} = {shown(value)}: give times (s) and as many values, or one number")
-        times, values = value
-    else:
-        times, values = np.zeros(1), [value]
+    shapes = [*map(np.shape, value)] if isinstance(value, tuple) else [(1,), (1,)]
+    if len(shapes) != 2 or len(shapes[0]) != 1 or shapes[0] != shapes[1] or shapes[0] == (0,):
+        raise ValueError(f"{name} = {shown(value)}: give times (s) and as many values, or one number")
+    # On the host in float64: heights above the sea keep their digits when the corner's is taken off.
+    host = jnp if check.is_traced(value) else np
+    times, values = map(host.asarray, value) if isinstance(value, tuple) else (host.zeros(1), host.asarray(value)[None])
     check.finite(f"times of {name}", times, "s")
     check.finite(name, values)
-    if not check.is_traced(times) and np.any(np.diff(np.asarray(times)) <= 0):
-        raise ValueError(f"times of {name} = {shown(list(times))} s do not rise: give them in order, each once")
-    values = jnp.asarray(values, float) if check.is_traced(values) else np.asarray(values, float)
+    if not check.is_traced(times) and np.any(np.diff(times) <= 0):
+        raise ValueError(f"times of {name} = {shown(times.tolist())} s do not rise: give them in order, each once")
     return Series(jnp.asarray(times, float), jnp.asarray(values - above, float), stepped)
 
 
@@ -444,11 +444,11 @@ def drain(points: Sequence[Sequence[float]], *, radius: float, head: InTime | No
                 raise ValueError(f"drain at ({x:g}, {z:g}) m lies in no soil: give points inside it")
             found.append(row)
             heights.append(np.full(row.size, z - cells.corner[-1]))
-        cell, z = np.concatenate(found), np.concatenate(heights)
+        cell, height = np.concatenate(found), np.concatenate(heights)
         full, no = np.ones(cell.size), np.zeros(cell.size, bool)
         centre, length = (np.unravel_index(cell, cells.shape)[-1] + 0.5) * h[-1], 1.0 if d == 2 else h[1]
-        places = _places(Faces(cell, full * length, full, z, centre, no, no), "drain")
-        inside = None if head is None else series("head", head, stepped=False, above=cells.corner[-1])
-        return Drain(places, jnp.asarray(radius, float), (h[0], h[-1]), inside)
+        places = _places(Faces(cell, full * length, full, height, centre, no, no), "drain")
+        air = None if head is None else series("head", head, stepped=False, above=cells.corner[-1])
+        return Drain(places, jnp.asarray(radius, float), air, (h[0], h[-1]))
 
     return AtSide(None, make)

@@ -45,10 +45,10 @@ class Faces:
     """
 
     cell: NDArray[np.int64]
-    area: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    z: NDArray[np.float64]
-    centre: NDArray[np.float64]
+    area: NDArray[np.floating]
+    distance: NDArray[np.floating]
+    z: NDArray[np.floating]
+    centre: NDArray[np.floating]
     upward: NDArray[np.bool_]
     level: NDArray[np.bool_]
 
@@ -81,7 +81,7 @@ class Cells:
         """Of one cell (m3)."""
         return float(np.prod(self.spacing))
 
-    def centres(self) -> NDArray[np.float64]:
+    def centres(self) -> NDArray[np.floating]:
         """Positions (d, ...) m of the centres of the cells, in the shape of the cells."""
         axes = [low + (np.arange(n) + 0.5) * h for low, n, h in zip(self.corner, self.shape, self.spacing, strict=True)]
         return np.stack(np.meshgrid(*axes, indexing="ij"))
@@ -115,7 +115,7 @@ class Cells:
                 parts.append(self._faces(np.flatnonzero(self.soil & beyond & wanted), axis, way))
         return _joined(parts)
 
-    def positions(self, side: Side) -> NDArray[np.float64]:
+    def positions(self, side: Side) -> NDArray[np.floating]:
         """Positions (d, nf) m of the centres of a side's faces, in the order of `faces`."""
         faces = self.faces(side)
         at = self.centres().reshape(len(self.shape), -1)[:, faces.cell]

@@ -166,11 +166,13 @@ class Flow:
             ValueError: If the time lies outside the times.
         """
         ends = float(self.times[0]), float(self.times[-1])
-        check.between("time", time, *ends, ends=True) if not check.is_traced(time) else None
+        if not check.is_traced(time):
+            check.between("time", float(np.asarray(time)), *ends, ends=True)
+        at = jnp.asarray(time)
         if len(self.times) == 1:
             return Heads.of(self.problem, self.head[0])
-        number = jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
-        share = (time - self.times[number]) / (self.times[number + 1] - self.times[number])
+        number = jnp.clip(jnp.searchsorted(self.times, at, side="right") - 1, 0, len(self.times) - 2)
+        share = (at - self.times[number]) / (self.times[number + 1] - self.times[number])
         return Heads.of(self.problem, (1 - share) * self.head[number] + share * self.head[number + 1])
 
 
@@ -443,11 +445,11 @@ def _steady(problem: Problem, head: Array, time: Array) -> tuple[Array, Array]:
     quick = min(problem.spacing) / jnp.max(known.soil.conductivity) * 0.1
     last = quick * 1e12
 
-    def moves(state: tuple[Array, ...]) -> Array:
+    def moves(state: tuple[Array, Array, Array]) -> Array:
         _, step, tries = state
         return (step < last) & (tries < STEADY_STEPS)
 
-    def move(state: tuple[Array, ...]) -> tuple[Array, ...]:
+    def move(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         head, step, tries = state
         solution, iterations = newton(known, held_water(known, head), head, time, time, 1 / step)
         good = solution.size <= solution.allowed

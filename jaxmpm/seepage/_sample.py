@@ -66,10 +66,10 @@ class Heads:
             weight = jnp.ones_like(value)
             for end, part in zip(ends, share, strict=True):
                 weight = weight * (part if end else 1 - part)
-            corner = tuple(
+            number = tuple(
                 jnp.minimum(first + end, n - 1) for first, end, n in zip(low, ends, self.total.shape, strict=True)
             )
-            value = value + weight * self.total[corner]
+            value = value + weight * self.total[number]
         return value - (place[-1] - self.corner[-1])
 
     def pressure(self, position: ArrayLike, unit_weight: float) -> Array:

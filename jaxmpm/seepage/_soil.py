@@ -359,7 +359,7 @@ def zoned(soils: Sequence[AnySoil], number: np.ndarray) -> AnySoil:
     return jax.tree.map(lambda *values: jnp.stack(values)[number], *soils)
 
 
-def suction_stress(soil: Retention, head: Array, unit_weight: ArrayLike = WATER_WEIGHT) -> Array:
+def suction_stress(soil: Retention, head: ArrayLike, unit_weight: ArrayLike = WATER_WEIGHT) -> Array:
     """Stress that water adds to the skeleton: effective stress is total stress plus it, tension positive.
 
     It is the pore pressure times the effective saturation, so that the full pressure acts below the water table and
@@ -375,10 +375,10 @@ def suction_stress(soil: Retention, head: Array, unit_weight: ArrayLike = WATER_
     Returns:
         Pa, positive under pressure, which lowers compression, and negative under suction, which adds to it.
     """
-    return unit_weight * jnp.asarray(head) * soil.saturation(head)
+    return jnp.asarray(unit_weight) * jnp.asarray(head) * soil.saturation(head)
 
 
-def moist_weight(soil: Retention, head: Array, dry: ArrayLike, water: ArrayLike = WATER_WEIGHT) -> Array:
+def moist_weight(soil: Retention, head: ArrayLike, dry: ArrayLike, water: ArrayLike = WATER_WEIGHT) -> Array:
     """Unit weight of soil with the water that it holds.
 
     Args:
@@ -390,4 +390,4 @@ def moist_weight(soil: Retention, head: Array, dry: ArrayLike, water: ArrayLike 
     Returns:
         N/m3.
     """
-    return dry + water * soil.water_content(head)
+    return jnp.asarray(dry) + jnp.asarray(water) * soil.water_content(head)

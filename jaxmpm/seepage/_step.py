@@ -39,22 +39,22 @@ class Problem:
     """Flow of water in cells of soil: the equation of Richards (1931), doi:10.1063/1.1745010.
 
     Args:
-        shape: of the cells; static.
-        spacing: edges of a cell (m); static.
-        corner: lowest corner of the cells (m); static.
         active: of the cells' shape, 1 in soil; None if all are.
         soil: its values are numbers or of the cells' shape.
         conditions: at outer faces; no water crosses those without one.
         source: water that appears per volume and time (1/s), of the cells' shape; None without.
+        shape: of the cells; static.
+        spacing: edges of a cell (m); static.
+        corner: lowest corner of the cells (m); static.
     """
 
-    shape: tuple[int, ...] = static()
-    spacing: tuple[float, ...] = static()
-    corner: tuple[float, ...] = static()
     active: Array | None
     soil: Soil
     conditions: tuple[AnyCondition, ...]
-    source: Array | None = None
+    source: Array | None
+    shape: tuple[int, ...] = static()
+    spacing: tuple[float, ...] = static()
+    corner: tuple[float, ...] = static()
 
     @property
     def cells(self) -> Cells:
@@ -105,13 +105,13 @@ def problem(cells: Cells, soil: Soil, *conditions: AtSide, source: Array | None 
 
     soil = jax.tree.map(lambda value: jnp.broadcast_to(jnp.asarray(value, dtype), cells.shape), soil)
     return Problem(
-        cells.shape,
-        cells.spacing,
-        cells.corner,
         None if cells.active is None else jnp.asarray(cells.active, dtype),
         soil,
         jax.tree.map(floating, made),
         None if source is None else jnp.asarray(source, dtype),
+        cells.shape,
+        cells.spacing,
+        cells.corner,
     )
 
 
@@ -165,8 +165,8 @@ class Flowing:
         """Inflow (nf,) m3/s through the faces of each condition."""
         flat = head.ravel()
         return [
-            condition.inflow(*soil, flat[condition.places.cell], start, end)
-            for condition, soil in zip(self.problem.conditions, self.at_faces, strict=True)
+            condition.inflow(soil, shape, flat[condition.places.cell], start, end)
+            for condition, (soil, shape) in zip(self.problem.conditions, self.at_faces, strict=True)
         ]
 
     def into(self, parts: list[Array]) -> Array:

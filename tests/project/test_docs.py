@@ -60,7 +60,7 @@ def test_scene_in_the_readme_is_the_demos():
 
 
 # Those of pages that notebooks and other tests cover run with the slow tests.
-SELDOM = ("docs/gradients.md", "docs/own-loop.md", "docs/random-fields.md", "docs/walks.md")
+SELDOM = ("docs/gradients.md", "docs/own-loop.md", "docs/random-fields.md", "docs/seepage.md", "docs/walks.md")
 OPTIONAL = ("equinox",)
 CAMPAIGN = "docs/campaign-db.md"
 """Asks a campaign that has run, which `test_page_of_the_database.py` has."""

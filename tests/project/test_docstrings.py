@@ -21,6 +21,7 @@ import cooperative.summary
 import cooperative.tools.research.back_analysis
 import cooperative.tools.research.rare
 import jaxmpm
+import jaxmpm.seepage
 import jaxmpm.support.check
 import jaxmpm.support.files
 import jaxmpm.support.hdf5
@@ -60,7 +61,7 @@ LISTED = [
     (f"{package.__name__}.{name}", getattr(package, name)) for package, name in PUBLIC if package is not cooperative
 ]
 ROOMS = (
-    *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
+    *(jaxmpm.ground, jaxmpm.laws, jaxmpm.run, jaxmpm.seepage, jaxmpm.setup, jaxmpm.soil, jaxmpm.transfer),
     *(kl.axis, kl.field, kl.marginal),
     *(cooperative.estimate, cooperative.exports, cooperative.measure, cooperative.reporting, cooperative.runs),
     *(cooperative.store, cooperative.summary),
