@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks.robustness import invented
 from cooperative import reporting
 from cooperative.__main__ import main
-from cooperative.store import _opened
+from cooperative.store import _runs
 
 SECONDS = 0.02
 """Of a made-up run."""
@@ -38,12 +38,12 @@ def counted(path: Path) -> bytes:
     """The bytes of a file of fields, once that is noted."""
     with open(os.environ[invented.VERIFIED], "ab") as file:
         file.write(b".")
-    return _opened_file(path)
+    return READ(path)
 
 
-_opened_file = _opened.read_fields_file
+READ = _runs.read_fields_file
 if invented.VERIFIED in os.environ:
-    _opened.read_fields_file = counted
+    _runs.read_fields_file = counted
 if parent_process() is not None and invented.TORN in os.environ:
     torn()
 invented.invent(SECONDS)

@@ -21,8 +21,9 @@ from datetime import date
 from pathlib import Path
 
 from cooperative.store import _database as sql
+from cooperative.store import _runs
 from cooperative.store._database import DATABASE
-from cooperative.store._runs import FIELDS, STORED, fields_path, read_fields_file
+from cooperative.store._runs import FIELDS, STORED, fields_path
 from cooperative.store._samples import Store, package_versions
 from cooperative.store._source import MOST_TEXT, SCRIPTS, Source, differences, source_from, table_of
 from jaxmpm.support import files
@@ -119,11 +120,13 @@ def _claim_fields(store: Store, look: Callable[[], None] | None) -> None:
     for path in made:
         if path not in sums:
             path.unlink()
-    for path, sha256 in sums.items() if look is not None else ():
+    if look is None:
+        return
+    for path, sha256 in sums.items():
         look()
         with suppress(FileNotFoundError):
             try:
-                whole = hashlib.sha256(read_fields_file(path)).hexdigest() == sha256
+                whole = hashlib.sha256(_runs.read_fields_file(path)).hexdigest() == sha256
             except DamagedFile:
                 whole = False
             if not whole:

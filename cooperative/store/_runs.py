@@ -289,8 +289,9 @@ def _record(digest: str, columns: Mapping[str, str], row: Row) -> Record:
     measured = {
         name: bool(there[name]) if columns[name] == "BOOLEAN" else there[name] for name in there.keys() - sql.ABOUT
     }
-    about = (there[name] for name in ("sample", "status", "steps", "seconds"))
-    return Record(*about, measured, len(there["coefficients"]) // 8, there["written"], _versions(there["versions"]))
+    terms, versions = len(there["coefficients"]) // 8, _versions(there["versions"])
+    number, status, steps, seconds = (there[name] for name in ("sample", "status", "steps", "seconds"))
+    return Record(number, status, steps, seconds, measured, terms, there["written"], versions)
 
 
 def _may_hold(name: str, kind: str, value: Value) -> bool:
