@@ -28,22 +28,10 @@ import jaxmpm
 import kl
 from cooperative import estimate, measure
 from cooperative.estimate import Estimator
+from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._files import as_text, from_text
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene.tables import (
-    Bedding,
-    CrossCorrelation,
-    Exposed,
-    FromScript,
-    Grid,
-    Hazard,
-    Motion,
-    Plan,
-    RandomField,
-    RandomLevel,
-    Run,
-)
 from cooperative.store import SCRIPTS, Source, table_of
 from jaxmpm.support.text import short
 
@@ -64,21 +52,8 @@ def _offered() -> dict[str, type | FunctionType]:
         for module in OFFER
         for name in module.__all__
     }
-    own = (
-        Bedding,
-        CrossCorrelation,
-        Exposed,
-        Grid,
-        Hazard,
-        Motion,
-        Plan,
-        RandomField,
-        RandomLevel,
-        Run,
-        Site,
-        SiteLayer,
-    )
-    offered |= {f"cooperative.{each.__name__}": each for each in own}
+    parts = (kind for kind in vars(tables).values() if isinstance(kind, type) and issubclass(kind, tables.Part))
+    offered |= {f"cooperative.{kind.__name__}": kind for kind in (Site, SiteLayer, *parts)}
     return {name: each for name, each in offered.items() if isinstance(each, type) or _is_pure(each)}
 
 
@@ -239,7 +214,7 @@ def of_words(words: object, what: str) -> Any:
         return words
     if "own class" in words and "class" not in words:
         fields = ", ".join(f"{name}={short(json.dumps(each), 60)}" for name, each in words.get("fields", {}).items())
-        return FromScript(what, f"{words['own class']}({fields})" if "fields" in words else words["own class"])
+        return tables.FromScript(what, f"{words['own class']}({fields})" if "fields" in words else words["own class"])
     if words.keys() == {"number"}:
         return float(words["number"])
     if words.keys() == {"array", "dtype", "shape"}:
