@@ -160,7 +160,7 @@ def along(maps: Maps) -> dict[str, dict[str, Curve]]:
 
     def at(name: str) -> Curve:
         chances = maps.maps[name]
-        value, low, high = (np.append(each, each[-1:]) for each in (chances.value, chances.low, chances.high))
+        value, low, high = (np.append(values, values[-1:]) for values in (chances.value, chances.low, chances.high))
         return maps.edges[0], value, low, high
 
     return {
@@ -244,11 +244,11 @@ def grids(rough: np.ndarray, refined: np.ndarray, *, failure_displacement: float
     """
     figure, (ax,) = panels(1, size=(5.2, 4.6))
     fails = refined > failure_displacement
-    for mine, marker, colour, name in (
+    for group, marker, colour, name in (
         (fails, "^", REFINED, "fails on the refined grid"),
         (~fails, "o", ROUGH, "stands on the refined grid"),
     ):
-        ax.plot(rough[mine], refined[mine], marker, color=colour, mfc="none", ms=5, label=f"{name} ({mine.sum()})")
+        ax.plot(rough[group], refined[group], marker, color=colour, mfc="none", ms=5, label=f"{name} ({group.sum()})")
     ends = np.array([min(rough.min(), refined.min()), max(rough.max(), refined.max())])
     ax.plot(ends, ends, "-", color=GREY, lw=0.8, label="both alike")
     ax.axhline(failure_displacement, color=GREY, lw=1, ls=":")
@@ -293,8 +293,8 @@ def fitted(
         ax.ecdf(values, weights, color="black", lw=1.4, label="runs")
         reach = np.ptp(values)
         curve = np.linspace(values.min() - 0.15 * reach, values.max() + 0.15 * reach, 200)
-        looks = zip((REFINED, "#009E73", "#56B4E9"), STYLES, strict=False)
-        for fit, (colour, style) in zip(fits[name].fits[:most], looks, strict=False):
+        styles = zip((REFINED, "#009E73", "#56B4E9"), STYLES, strict=False)
+        for fit, (colour, style) in zip(fits[name].fits[:most], styles, strict=False):
             ax.plot(curve, fit.frozen.cdf(curve), style, color=colour, lw=1.6, label=f"{fit.name}, AIC {fit.aic:.1f}")
         ax.set(xlabel=labels[name], ylabel="cumulative share [-]", ylim=(-0.02, 1.02))
         ax.legend(fontsize=7)

@@ -47,5 +47,5 @@ def words_of_cost(scene: Campaign, cost: Cost) -> Iterator[str]:
     yield from (f"  WARNING        {remark}" for remark in warnings_of(scene))
     yield f"  memory         {cost.memory / 1e9:.2g} GB for all grids in one process"
     hours = {grid: cost.hours(grid) for grid in cost.sizes}
-    each = ", ".join(f"{hours[grid]:.3g} on the {grid} grid" for grid in hours)
-    yield f"  time           at most {sum(hours.values()):.3g} hours of one core, {each}; many runs end sooner"
+    estimates = ", ".join(f"{hours[grid]:.3g} on the {grid} grid" for grid in hours)
+    yield f"  time           at most {sum(hours.values()):.3g} hours of one core, {estimates}; many runs end sooner"

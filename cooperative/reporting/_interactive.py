@@ -102,7 +102,7 @@ def stairs(curves: Mapping[str, Exceedance], labels: Mapping[str, str], up: str)
         labels: of their axes, by their names.
         up: label of the other axis.
     """
-    shown = [{name: stairs_of(each)} for name, each in curves.items()]
+    shown = [{name: stairs_of(values)} for name, values in curves.items()]
     return _stairs(shown, [labels[name] for name in curves], [up] * len(shown), ACROSS)
 
 
@@ -153,8 +153,8 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     for number, (_, unit, values, top) in enumerate(shown):
         here, hover = _panel(number, ACROSS), "x %{x:.4g} m, y %{y:.4g} m: %{z:.3g} " + unit.strip("-")
         drawn = values.T.astype(np.float32)
-        look = {"zmin": 0.0, "zmax": top, "colorscale": "Cividis", "showscale": False}
-        figure.add_heatmap(x=x, y=y, z=drawn, hovertemplate=f"{hover}<extra></extra>", **look, **here)
+        colours = {"zmin": 0.0, "zmax": top, "colorscale": "Cividis", "showscale": False}
+        figure.add_heatmap(x=x, y=y, z=drawn, hovertemplate=f"{hover}<extra></extra>", **colours, **here)
         _label(figure, "x [m]", "y [m]", here)
     if toe is not None:
         figure.add_vline(toe, line=LIMIT | {"color": "white"})
@@ -216,7 +216,7 @@ def _panel(number: int, columns: int) -> dict[str, int]:
 
 def _label(figure: Figure, across: str, up: str, here: Mapping[str, int]) -> None:
     """Labels of a panel's axes, their mathematics as Plotly has it."""
-    across, up = (re.sub(r"\$(\w)(?:_(\w))?\$", _set, each) for each in (across, up))
+    across, up = (re.sub(r"\$(\w)(?:_(\w))?\$", _set, label) for label in (across, up))
     figure.update_xaxes(title_text=across, **here).update_yaxes(title_text=up, **here)
 
 
@@ -271,20 +271,20 @@ def line(points: np.ndarray, name: str, colour: str = "#333333", *, dashed: bool
     from plotly.graph_objects import Scatter3d
 
     x, y, z = points.T
-    look = {"color": colour, "width": 4, "dash": "dash" if dashed else "solid"}
+    line = {"color": colour, "width": 4, "dash": "dash" if dashed else "solid"}
     mode = "lines" if len(points) > 1 else "markers"
-    return Scatter3d(x=x, y=y, z=z, mode=mode, line=look, marker={"color": colour, "size": 5}, name=name)
+    return Scatter3d(x=x, y=y, z=z, mode=mode, line=line, marker={"color": colour, "size": 5}, name=name)
 
 
 def chosen(bodies: Mapping[str, Sequence[Mesh3d]], beside: Sequence[Scatter3d]) -> Figure:
     """Bodies of which the reader chooses one, the first at the beginning, and what stands beside each."""
     of = [name for name, body in bodies.items() for _ in body]
-    meshes = [each.update(visible=name == of[0]) for name, body in bodies.items() for each in body]
+    meshes = [mesh.update(visible=name == of[0]) for name, body in bodies.items() for mesh in body]
     buttons = [
         {
             "label": name,
             "method": "restyle",
-            "args": [{"visible": [*(each == name for each in of), *[True] * len(beside)]}],
+            "args": [{"visible": [*(mesh_name == name for mesh_name in of), *[True] * len(beside)]}],
         }
         for name in bodies
     ]
@@ -309,8 +309,8 @@ def turning(body: Moving) -> Figure:
     last = len(names) - 1
     figure = scene([meshes[last]], sliders=[{"active": last, "steps": steps, "pad": {"l": 40, "r": 40}}])
     figure.frames = [
-        {"name": name, "data": [{key: each[key] for key in ("type", "x", "y", "z", "intensity")}]}
-        for name, each in zip(names, meshes, strict=True)
+        {"name": name, "data": [{key: mesh[key] for key in ("type", "x", "y", "z", "intensity")}]}
+        for name, mesh in zip(names, meshes, strict=True)
     ]
     return figure
 

@@ -116,8 +116,8 @@ def look(results: Results) -> Iterator[str]:
         yield table(
             ["failure mode", "runs", "share of the failures", interval, "probability"],
             [
-                [mode, each.count, each.ratio, sentences.limits(each.interval), each.probability]
-                for mode, each in modes.items()
+                [mode, share.count, share.ratio, sentences.limits(share.interval), share.probability]
+                for mode, share in modes.items()
             ],
         )
 
@@ -136,12 +136,12 @@ def further_runs(results: Results) -> Iterator[str]:
         return
     # Runs of a wave that is not complete do not count yet.
     waiting, samples = cost.refined_runs - pf.runs, cost.refined_runs + left
-    each = cost.seconds["refined"] / max(cost.refined_runs, 1)
+    seconds = cost.seconds["refined"] / max(cost.refined_runs, 1)
     counts = [*(count for count in MORE_RUNS if count < left), left]
     covs = [after_more_runs(pf.estimate, waiting + count, samples=samples) for count in counts]
     yield table(
         ["more refined runs", "coefficient of variation", "time on one machine, about"],
-        [[count, float(cov), duration(count * each)] for count, cov in zip(counts, covs, strict=True)],
+        [[count, float(cov), duration(count * seconds)] for count, cov in zip(counts, covs, strict=True)],
     )
     yield paragraph(
         "In the last row every sample is refined. The uncertainty that remains there comes from the number of samples, "
@@ -152,13 +152,13 @@ def further_runs(results: Results) -> Iterator[str]:
 def estimates(summary: Summary) -> str:
     """Table of P_f by every estimator, with its interval."""
     pf = summary.probability
-    own = OtherEstimate(pf.value, pf.interval)
+    estimate = OtherEstimate(pf.value, pf.interval)
     return table(
         ["estimator", "probability", f"{pf.level:.0%} interval", "coefficient of variation"],
         [
-            [name, each.probability, " to ".join(map(number, each.interval)), cov]
-            for name, each, cov in (
-                (pf.estimator, own, pf.coefficient_of_variation),
+            [name, other.probability, " to ".join(map(number, other.interval)), cov]
+            for name, other, cov in (
+                (pf.estimator, estimate, pf.coefficient_of_variation),
                 *((name, other, None) for name, other in pf.others.items()),
             )
         ],
@@ -168,8 +168,8 @@ def estimates(summary: Summary) -> str:
 def risks(summary: Summary, risk: Risk) -> Iterator[str]:
     """How likely slides reach each element at risk, and what is lost."""
     cut, elements = summary.consequences.cut_off, summary.consequences.elements_at_risk
-    known = {name: element for name, element in elements.items() if element is not None}
-    if len(known) < len(elements):
+    affected = {name: element for name, element in elements.items() if element is not None}
+    if len(affected) < len(elements):
         why = without_slides(summary) or "No slide that has come to its end counts in the estimate so far."
         yield paragraph(f"How likely a slide reaches {', '.join(elements)} is not known. {why}", "note")
         return
@@ -178,7 +178,7 @@ def risks(summary: Summary, risk: Risk) -> Iterator[str]:
     heads += ["probability that its ground is carried away", "displacement of its ground, m"]
     yield table(
         [*heads, "expected loss", level],
-        [[name, *sentences.element_row(each, cut.t_end)] for name, each in known.items()],
+        [[name, *sentences.element_row(element, cut.t_end)] for name, element in affected.items()],
     )
     yield paragraph(
         "Reached is an element when soil lies or moves above the surface that was there before. Arrival, thickness and "
@@ -189,7 +189,7 @@ def risks(summary: Summary, risk: Risk) -> Iterator[str]:
     if not whole:
         return
     modes = ", ".join(f"{share:.0%} of it comes from {mode} slides" for mode, share in whole.modes.items() if share)
-    most = ", ".join(f"{each.sample} ({each.share:.0%})" for each in whole.samples)
+    most = ", ".join(f"{sample.sample} ({sample.share:.0%})" for sample in whole.samples)
     yield paragraph(
         f"The expected loss per slope is {sentences.at_least(whole.expected, whole.at_least)} "
         f"({sentences.limits(whole.interval)})"
@@ -203,13 +203,15 @@ def best_fits(results: Results) -> Iterator[str]:
     fits = sentences.distinct(results)
     if few := {
         group: fit.samples
-        for group, each in results.summary.consequences.fits.items()
-        for fit in each.values()
+        for group, by_measure in results.summary.consequences.fits.items()
+        for fit in by_measure.values()
         if fit.samples < FITTED
     }:
         counts = ", ".join(f"{count} {group}" for group, count in few.items())
         yield paragraph(f"Too few slides for a fit ({counts}); it takes {FITTED}.", "note")
-    few = {group: fit.samples for group, each in fits.items() for fit in each.values() if fit.samples < ENOUGH}
+    few = {
+        group: fit.samples for group, by_measure in fits.items() for fit in by_measure.values() if fit.samples < ENOUGH
+    }
     if few:
         counts = ", ".join(f"{count} {group}" for group, count in few.items())
         yield paragraph(f"Too few failures to tell distributions apart ({counts}); {ENOUGH} are enough.", "note")
@@ -219,8 +221,8 @@ def best_fits(results: Results) -> Iterator[str]:
         ["failures", "consequence", "best by AIC", "best by BIC", "equally good by AIC"],
         [
             [group, name, fit.best_aic, fit.best_bic, ", ".join(close) or None]
-            for group, each in fits.items()
-            for name, fit in each.items()
+            for group, by_measure in fits.items()
+            for name, fit in by_measure.items()
             for close in [[other.name for other in fit.fits[1:] if other.aic - fit.fits[0].aic < INDISTINCT]]
         ],
     )
@@ -232,7 +234,7 @@ def run_table(results: Results) -> str:
     rows: list[list[Cell]] = []
     made: dict[str, str] = {}
     for grid, of in zip(GRIDS, (results.rough, results.refined), strict=True):
-        statuses = ", ".join(_ended(results.summary, *each) for each in cost.status[grid].items())
+        statuses = ", ".join(_ended(results.summary, *ended) for ended in cost.status[grid].items())
         rows.append([f"{grid} grid", f"{statuses or 'none'}; {duration(cost.seconds[grid])} of runs"])
         rows.append([f"{grid} grid", results.ground.grids[grid].numerics])
         if of.numbers:

@@ -116,10 +116,10 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     }
     grids = [
         GridProgress(
-            grid, len(mine.numbers), *planned[grid], pace[grid],
-            int(np.sum(mine.columns.get("broke_off", np.zeros(0)))), mine.damaged,
+            grid, len(of_grid.numbers), *planned[grid], pace[grid],
+            int(np.sum(of_grid.columns.get("broke_off", np.zeros(0)))), of_grid.damaged,
         )
-        for grid, mine in rows.items()
+        for grid, of_grid in rows.items()
     ]  # fmt: skip
     if campaign.plan.slides:
         # Of how many is known once the audit has ended.

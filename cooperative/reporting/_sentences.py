@@ -227,25 +227,25 @@ def more(summary: Summary) -> str:
     """What further refined runs would bring; empty where the runs do not show it."""
     cost, pf = summary.cost, summary.probability
     after, now = cost.after_more_runs, pf.coefficient_of_variation
-    runs, left, then = after.runs, after.samples_left, after.coefficient_of_variation
-    if not pf.value and pf.unseen and pf.runs and left and runs:
+    runs, remaining, then = after.runs, after.samples_left, after.coefficient_of_variation
+    if not pf.value and pf.unseen and pf.runs and remaining and runs:
         # The limit of n runs without a failure is in proportion to 1 / n.
         least = pf.interval[1] * pf.runs / (cost.refined_runs + runs)
         return f"{another(runs)} without a failure would lower the upper limit to about {least:.2g}."
-    if now is None or then is None or (left and not runs):
+    if now is None or then is None or (remaining and not runs):
         return ""
     # Where all fail the coefficient is 0 but for rounding, and no measure of what is known.
     uncertain = now >= 5e-4
-    if not left:
+    if not remaining:
         what = f"bring the coefficient of variation below {now:.1%}" if uncertain else "narrow the interval"
         which = "samples" if cost.coarse_samples is None else "rough samples"
         return f"All {which} are refined: only more {which} would {what}."
     if not uncertain:
         return ""
     first = f"{another(runs)} would reduce the coefficient of variation from {now:.1%} to {then:.1%}"
-    if runs == left:
+    if runs == remaining:
         return f"{first}. All samples are then refined, and only more samples help further."
-    return f"{first}; all {left} samples that are left, to {after.all_samples:.1%}."
+    return f"{first}; all {remaining} samples that are left, to {after.all_samples:.1%}."
 
 
 def another(runs: int) -> str:
@@ -281,8 +281,8 @@ def distinct(results: Results) -> dict[str, dict[str, Fits]]:
     fits = results.summary.consequences.fits
     modes = [fit for group, fit in fits.items() if group != "all"]
     return {
-        group: {name: fit for name, fit in each.items() if name in labels(results) and fit.fits}
-        for group, each in ({"all": fits["all"]} if modes == [fits.get("all")] else fits).items()
+        group: {name: fit for name, fit in by_measure.items() if name in labels(results) and fit.fits}
+        for group, by_measure in ({"all": fits["all"]} if modes == [fits.get("all")] else fits).items()
     }
 
 
@@ -304,14 +304,14 @@ def labels(results: Results) -> dict[str, str]:
 
 def units(results: Results) -> dict[str, str]:
     """Unit of each consequence in words."""
-    each = "" if results.ground.dimension == 3 else " per metre of width"
+    per_width = "" if results.ground.dimension == 3 else " per metre of width"
     toe = results.ground.face is not None
     line = ", along the line of the scene" if results.ground.line else ""
     return {
         "displacement": "m",
         "depth": "m below the crest" if toe else "m below the surface",
         "runout": "m beyond the toe" if toe else f"m from its rear to its front{line}",
-        "volume": f"m³{each}",
+        "volume": f"m³{per_width}",
         "area": "m² beyond the toe" if toe else "m² at its end",
     }
 
@@ -347,7 +347,7 @@ def element_row(element: Element, t_end: float) -> list[Cell]:
         _or_least(reached.probability, reached.at_least),
         limits(reached.interval),
         when,
-        *(_or_least(each.mean, each.at_least) if each else None for each in (element.thickness, element.speed)),
+        *(_or_least(spread.mean, spread.at_least) if spread else None for spread in (element.thickness, element.speed)),
         _or_least(element.carried.probability, element.carried.at_least),
         _or_least(element.ground.mean, element.ground.at_least) if element.ground else None,
         _or_least(loss.expected, loss.at_least) if loss else None,

@@ -11,7 +11,7 @@ from jaxmpm.run._lanes import lanes
 from jaxmpm.run._limit_load import least_failing_volume, limit_load_scene
 from jaxmpm.run._many import solve_each
 from jaxmpm.run._sensitivity import sensitivity
-from jaxmpm.run._stopping import Exceeds, Look, Rule, Settle, SlidesEnd
+from jaxmpm.run._stopping import Exceeds, Reading, Rule, Settle, SlidesEnd
 from jaxmpm.run._strength_reduction import FactorOfSafety, factor_of_safety, reduced
 
 __all__ = [
@@ -20,9 +20,9 @@ __all__ = [
     "Early",
     "Exceeds",
     "FactorOfSafety",
-    "Look",
     "Midway",
     "Passing",
+    "Reading",
     "Result",
     "Rule",
     "Settle",

@@ -170,7 +170,7 @@ class Batch:
         """
         state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
         elapsed = self.chunk * self.time_step
-        watch, status = self.watch.look(self.scene, state, self.axes, elapsed)
+        watch, status = self.watch.apply(self.scene, state, self.axes, elapsed)
         step = np.asarray(state.step)
         over = (status == Status.RUNNING) & (step >= self.total)
         if slides_end is not None and over.any():

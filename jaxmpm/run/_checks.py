@@ -23,14 +23,14 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
             unaveraged change or the gap of its law.
     """
     leading = () if axes is None else np.shape(state.status)
-    wanted = (*leading, *scene.particles.position.shape[-2:])
+    shape = (*leading, *scene.particles.position.shape[-2:])
     if axes is not None and len(leading) != 1:
         raise ValueError("axes name lanes, but the state has none: give repeat(state, lanes)")
     if leading == (0,):
         raise ValueError("the state has 0 lanes: give one or more")
-    if np.shape(state.status) != leading or np.shape(state.displacement) != wanted:
+    if np.shape(state.status) != leading or np.shape(state.displacement) != shape:
         raise ValueError(
-            f"the state's displacement has shape {np.shape(state.displacement)}, the scene needs {wanted}: give the "
+            f"the state's displacement has shape {np.shape(state.displacement)}, the scene needs {shape}: give the "
             "state that was built with it, and `axes` with lanes"
         )
     precisions = [jnp.result_type(array) for array in (state.displacement, scene.particles.position)]

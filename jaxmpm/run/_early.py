@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm.run._stopping import Look, Rule, check_volume, farthest_of
+from jaxmpm.run._stopping import Reading, Rule, check_volume, farthest_of
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
@@ -82,11 +82,11 @@ class Early(Rule):
         """Mean plastic strain, half the period of the slowest oscillation (s), and displacement (m)."""
         return *measures(scene, state), farthest_of(scene, state, self.least_volume)
 
-    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """SETTLED where a lane stands, DECIDED where it fails."""
-        strain, half_period, displacement = look.measured
-        memory, stands, speeds_up = self.judged(memory, look.elapsed, half_period, strain, displacement)
-        fails = speeds_up & (self.projected(displacement, look.time) > self.displacement)
+        strain, half_period, displacement = reading.measured
+        memory, stands, speeds_up = self.judged(memory, reading.elapsed, half_period, strain, displacement)
+        fails = speeds_up & (self.projected(displacement, reading.time) > self.displacement)
         return memory, np.where(stands, Status.SETTLED, np.where(fails, Status.DECIDED, Status.RUNNING))
 
     def projected(self, displacement: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -165,7 +165,7 @@ def solve(
             state = advance_lanes(scene, state, jnp.asarray(stop - done), axes)
             bar.update(min((stop - done) * dt, t_end - bar.n))
             if watch.rules:
-                watch, ended = watch.look(scene, state, axes, (stop - done) * dt)
+                watch, ended = watch.apply(scene, state, axes, (stop - done) * dt)
                 state = replace(state, status=jnp.asarray(ended))
             done = stop
             if stop in at_snapshots:

@@ -83,11 +83,11 @@ def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
     if _softens(scene) or not {"bulk", "shear"} <= declared(scene.material).keys():
         return scene
     dtype, height = scene.particles.mass.dtype, heights(scene)[0]
-    bulk, shear = (jnp.asarray(each, dtype) for each in moduli(young * _weight(scene) * height, POISSON))
+    bulk, shear = (jnp.asarray(modulus, dtype) for modulus in moduli(young * _weight(scene) * height, POISSON))
     material = with_parameters(scene.material, {"bulk": bulk, "shear": shear})
     # Time steps allow for the sum of the wave speed and that of a fall through half the height.
     fall = math.sqrt(_gravity(scene) * height)
-    before, after = (fall + wave_speed(scene.particles, each) for each in (scene.material, material))
+    before, after = (fall + wave_speed(scene.particles, law) for law in (scene.material, material))
     share = before / after
     numerics = scene.numerics
     flip = None if numerics.flip is None else numerics.flip**share
@@ -284,16 +284,16 @@ def branches(factors: np.ndarray, displacements: np.ndarray, moves: float) -> tu
         Branches and sharpness, None if displacement grows too evenly.
     """
     finite = np.isfinite(displacements)
-    known, metres = factors[finite], displacements[finite]
-    if len(known) < 2:
+    tried, metres = factors[finite], displacements[finite]
+    if len(tried) < 2:
         return None
-    below = np.polyfit(known[:2], metres[:2], 1)
-    parts = [slice(k, k + 3) for k in range(max(1, len(known) - 2))]
-    beyond = max((np.polyfit(known[part], metres[part], 1) for part in parts), key=lambda line: line[0])
+    below = np.polyfit(tried[:2], metres[:2], 1)
+    parts = [slice(k, k + 3) for k in range(max(1, len(tried) - 2))]
+    beyond = max((np.polyfit(tried[part], metres[part], 1) for part in parts), key=lambda line: line[0])
     if not finite.all() and beyond[0] <= FOLLOWS * max(below[0], 0.0):
-        slope = moves / (factors[len(known)] - known[-1])
-        beyond = np.array([slope, metres[-1] - slope * known[-1]])
-    least = metres[:2].mean() / known[:2].mean()
+        slope = moves / (factors[len(tried)] - tried[-1])
+        beyond = np.array([slope, metres[-1] - slope * tried[-1]])
+    least = metres[:2].mean() / tried[:2].mean()
     sharpness = float(beyond[0] / max(below[0], least, np.finfo(float).tiny))
     return (Branches(below, beyond), sharpness) if sharpness > FOLLOWS else None
 
@@ -426,6 +426,6 @@ def lowest_local(
         below: factor of the kink.
         volume: the least that is a failure.
     """
-    slips = [(factor, own) for factor, _, own in tried if factor < below and LOCAL * volume <= own < volume]
+    slips = [(factor, moving) for factor, _, moving in tried if factor < below and LOCAL * volume <= moving < volume]
     lowest = min(slips, default=None)
     return None if lowest is None else (round(lowest[0], 4), lowest[1])

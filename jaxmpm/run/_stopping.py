@@ -21,7 +21,7 @@ from jaxmpm.types import Scene, State, Status
 
 
 @dataclass(frozen=True)
-class Look:
+class Reading:
     """Numbers of all lanes after a chunk of steps, () each without lanes.
 
     Args:
@@ -57,7 +57,7 @@ class Rule(Protocol):
     def measure(self, scene: Scene, state: State) -> Any:
         """Arrays () of one lane that the rule needs, as a pytree; traced."""
 
-    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """Memory afterwards (m, ...), and `Status` of each lane: RUNNING, or how the lane ends."""
 
 
@@ -79,9 +79,9 @@ class Ends(Rule):
         """Whether the lane ends."""
         return self.condition(scene, state)
 
-    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """DECIDED where the condition holds."""
-        return memory, np.where(look.measured, Status.DECIDED, Status.RUNNING)
+        return memory, np.where(reading.measured, Status.DECIDED, Status.RUNNING)
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,9 @@ class Exceeds(Rule):
         """Displacement (m)."""
         return farthest_of(scene, state, self.least_volume)
 
-    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """DECIDED beyond the limit."""
-        return memory, np.where(look.measured > self.displacement, Status.DECIDED, Status.RUNNING)
+        return memory, np.where(reading.measured > self.displacement, Status.DECIDED, Status.RUNNING)
 
 
 @dataclass(frozen=True)
@@ -158,15 +158,15 @@ class Settle(Rule):
         slid = None if self.slides is None else diagnostics.slide_displacement(scene, state, self.slides)
         return diagnostics.speed(scene, state), farthest_of(scene, state, self.least_volume), slid
 
-    def judge(self, memory: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """SETTLED after `hold` seconds without motion."""
-        (quiet, reference), (speed, displacement, slid) = memory, look.measured
+        (quiet, reference), (speed, displacement, slid) = memory, reading.measured
         fast, moved = speed > self.speed, displacement
         if self.slides is not None:
             fast, moved = fast & (displacement <= self.slides), np.where(displacement > self.slides, slid, displacement)
         moves = np.abs(moved - reference) > self.drift
-        restless = moves | fast | look.shaken
-        quiet = np.where(restless, 0.0, quiet + look.elapsed)
+        restless = moves | fast | reading.shaken
+        quiet = np.where(restless, 0.0, quiet + reading.elapsed)
         settles = ~restless & (quiet >= self.hold)
         memory = np.stack([quiet, np.where(moves, moved, reference)])
         return memory, np.where(settles, Status.SETTLED, Status.RUNNING)
@@ -306,7 +306,7 @@ class Watch:
         names = names_of(self.rules)
         return {name: memory[:, lane] for name, memory in zip(names, self.memory, strict=True) if memory.size}
 
-    def look(
+    def apply(
         self, scene: Scene, state: State, axes: Scene | None, elapsed: float | np.ndarray
     ) -> tuple[Watch, np.ndarray]:
         """Apply the rules after some time.
@@ -327,7 +327,7 @@ class Watch:
         shaken, memories = _still_shaken(scene, time), []
         values = jax.device_get(measured(scene, state, axes, self.rules))
         for rule, memory, value in zip(self.rules, self.memory, values, strict=True):
-            memory, judged = rule.judge(memory, Look(value, elapsed, time, shaken))
+            memory, judged = rule.judge(memory, Reading(value, elapsed, time, shaken))
             memories.append(memory)
             status = np.where(status == Status.RUNNING, judged, status)
         return replace(self, memory=tuple(memories)), status.astype(np.int32)
