@@ -6,7 +6,6 @@ from cooperative.estimate._estimates import (
     LEAST_FREEDOM,
     Estimate,
     after_more_runs,
-    count_interval,
     effective_size,
     exact_limit,
     mean_interval,
@@ -15,7 +14,6 @@ from cooperative.estimate._estimates import (
     with_variance,
 )
 from cooperative.estimate._fits import (
-    CANDIDATES,
     ENOUGH,
     FITTED,
     Fit,
@@ -28,7 +26,7 @@ from cooperative.estimate._formulas import as_answers, control_variate, monte_ca
 from cooperative.estimate._logistic import prior_chances
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
 from cooperative.estimate._nested import draw_samples
-from cooperative.estimate._phases import NOT_ASKED, Phases, Slides, slide_order, zone_weights
+from cooperative.estimate._phases import NOT_ASKED, Phases, Slides
 from cooperative.estimate._plain import ControlVariate, MonteCarlo, Published, SceneSamples
 from cooperative.estimate._protocol import (
     Answers,
@@ -46,7 +44,6 @@ from cooperative.estimate._subset import SubsetPlan, subset_simulation
 from cooperative.estimate._twophase import next_audit, sample_weights, two_phase
 
 __all__ = [
-    "CANDIDATES",
     "ENOUGH",
     "ESTIMATORS",
     "FITTED",
@@ -85,7 +82,6 @@ __all__ = [
     "chance_of",
     "control_variate",
     "correlation",
-    "count_interval",
     "draw_samples",
     "effective_size",
     "exact_limit",
@@ -103,11 +99,9 @@ __all__ = [
     "sample_weights",
     "severity_ranking",
     "shares",
-    "slide_order",
     "stopping_rank",
     "subset_simulation",
     "two_phase",
     "wilson_interval",
     "with_variance",
-    "zone_weights",
 ]

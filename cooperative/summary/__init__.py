@@ -1,6 +1,5 @@
 """A campaign in numbers, from its rows alone: probability, modes, consequences, cost."""
 
-from cooperative.summary._notes import EARLY_TESTED, EARLY_TESTED_3D
 from cooperative.summary._summarise import slides_of, summarise
 from cooperative.summary._values import (
     CampaignCost,
@@ -23,8 +22,6 @@ from cooperative.summary._values import (
 )
 
 __all__ = [
-    "EARLY_TESTED",
-    "EARLY_TESTED_3D",
     "CampaignCost",
     "Convergence",
     "CutOff",

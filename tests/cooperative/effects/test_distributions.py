@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize, special, stats
 
-from cooperative.estimate import CANDIDATES, fit_distributions, severity_ranking
+from cooperative.estimate import fit_distributions, severity_ranking
+from cooperative.estimate._fits import CANDIDATES
 
 TRUTHS = {
     "normal": stats.norm(12, 2),

@@ -20,9 +20,8 @@ from cooperative.estimate import (
     Slides,
     TwoPhase,
     shares,
-    slide_order,
-    zone_weights,
 )
+from cooperative.estimate._phases import slide_order, zone_weights
 from cooperative.folder import read_results
 from cooperative.reporting import progress_of, report, words
 from cooperative.runs import _samples

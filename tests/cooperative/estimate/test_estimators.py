@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from cooperative.estimate import count_interval, exact_limit, published, wilson_interval
-from cooperative.estimate._estimates import RARE, with_variance
+from cooperative.estimate import exact_limit, published, wilson_interval
+from cooperative.estimate._estimates import RARE, count_interval, with_variance
 
 
 @given(st.integers(1, 2000), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))

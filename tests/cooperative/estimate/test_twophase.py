@@ -12,7 +12,6 @@ from scipy.stats import norm
 from cooperative.estimate import (
     AuditPlan,
     Population,
-    count_interval,
     next_audit,
     rank_samples,
     two_phase,
@@ -24,6 +23,7 @@ from cooperative.estimate._audit import (
     audit_total,
     draw_wave,
 )
+from cooperative.estimate._estimates import count_interval
 from cooperative.estimate._logistic import fit_logistic, predict_logistic
 from cooperative.estimate._twophase import share_by_order, target_share
 
