@@ -330,8 +330,9 @@ def register(
     batching.primitive_batchers[primitive] = partial(_batched, primitive)
     lowered = partial(mlir.lower_fun, multiple_results=primitive.multiple_results)
     mlir.register_lowering(primitive, lowered(elsewhere))
-    for platform, engine in ENGINES.items() if compiled is not None else ():
-        mlir.register_lowering(primitive, lowered(partial(compiled, engine)), platform=platform)
+    if compiled is not None:
+        for platform, engine in ENGINES.items():
+            mlir.register_lowering(primitive, lowered(partial(compiled, engine)), platform=platform)
 
 
 def _register_expanded(

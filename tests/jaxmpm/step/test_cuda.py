@@ -18,7 +18,6 @@ from jax.interpreters import mlir
 
 from jaxmpm.grid import Grid
 from jaxmpm.transfer import GIMP, _cells, _primitives, native
-from jaxmpm.transfer._stencil import Term
 from jaxmpm.transfer.native import cuda
 from jaxmpm.types import Engine
 from tests import ROOT
@@ -295,12 +294,3 @@ def test_a_step_puts_its_particles_in_order_once():
     compiled = jax.jit(twice).lower(position[0], carried[0], stress[0]).compile().as_text()
     assert compiled.count('custom_call_target="jaxmpm_cuda_scatter"') == 2
     assert compiled.count('custom_call_target="jaxmpm_cuda_order"') == 1
-
-
-def test_channels_that_meet_weights_alone_are_worked_on_apart():
-    """Groups of channels as a kernel has them, four by four; None is an empty place."""
-    mapped = [Term(c, c) for c in range(3)] + [Term(3 + c, 3 + c, (0,)) for c in range(2)]
-    assert cuda._groups(mapped, 5) == [[0, 1, 2, None, 3, 4]]
-    assert cuda._groups([Term(c, c) for c in range(13)], 13) == [list(range(8)), list(range(8, 13))]
-    assert cuda._groups([Term(0, c, (0, 0)) for c in range(6)], 6) == [[0, 1, 2, 3], [4, 5]]
-    assert cuda._groups([Term(0, 0), Term(0, 1, (0,))], 3) == [[0, 1, 2]]

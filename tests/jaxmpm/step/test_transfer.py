@@ -23,6 +23,7 @@ from scipy.integrate import quad
 from jaxmpm.grid import Grid
 from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native
 from jaxmpm.transfer import _transfers as transfer
+from jaxmpm.transfer._stencil import Term
 from jaxmpm.transfer.native import cuda
 from jaxmpm.types import Engine
 
@@ -398,3 +399,12 @@ def test_errors_name_the_value_and_the_remedy():
     half = position.astype(jnp.float16)
     with pytest.raises(ValueError, match=r"Engine\.NATIVE"):
         p2g(grid, Linear(), half, None, stress.astype(jnp.float16), engine=Engine.NATIVE)
+
+
+def test_channels_that_meet_weights_alone_are_worked_on_apart():
+    """Groups of channels as a kernel has them, four by four; None is an empty place."""
+    mapped = [Term(c, c) for c in range(3)] + [Term(3 + c, 3 + c, (0,)) for c in range(2)]
+    assert cuda._groups(mapped, 5) == [[0, 1, 2, None, 3, 4]]
+    assert cuda._groups([Term(c, c) for c in range(13)], 13) == [list(range(8)), list(range(8, 13))]
+    assert cuda._groups([Term(0, c, (0, 0)) for c in range(6)], 6) == [[0, 1, 2, 3], [4, 5]]
+    assert cuda._groups([Term(0, 0), Term(0, 1, (0,))], 3) == [[0, 1, 2]]
