@@ -19,9 +19,7 @@ MODULES = [path for package in PACKAGES for path in sorted((ROOT / package).rglo
 # Names in files and texts, which no Python object has.
 FOREIGN = {
     "Steps": "a group of VTKHDF",
-    "axis0": "a group of an expansion's file",
-    "solver": "an attribute of an expansion's file",
-    "version": "an attribute of an expansion's file",
+    "nvcc": "CUDA's compiler",
     "r_u": "an argument of `section` and `terrain`, which a ground of a user's own may take too",
     "_": "a character",
 }
