@@ -206,7 +206,7 @@ def _opened(
             models = {grid: runs.build(unmeasured, grid, soil, folder=folder) for grid in grids}
             for model in models.values() if verify else ():
                 runs.verify_initial(folder, model)
-        with open_store(folder, source, verify=verify, look=stop.look) as store, runs.bars(folder, progress) as bar:
+        with open_store(folder, source, verify=verify, look=stop.check) as store, runs.bars(folder, progress) as bar:
             with stop.at_once():
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -35,6 +36,11 @@ def clocked(run: Callable[[], Any]) -> tuple[Any, float]:
     start = time.perf_counter()
     answer = jax.block_until_ready(run())
     return answer, round(time.perf_counter() - start, 4)
+
+
+def inflow(problem: seepage.Problem, head: jax.Array) -> float:
+    """Discharge through the faces of a section (m2/s)."""
+    return float(seepage.infiltration(problem, head)[0].sum())
 
 
 def marched(problem: seepage.Problem, initial: Any, times: list[float], tolerance: float) -> seepage.Flow:
@@ -76,7 +82,7 @@ def celia_rows(quick: bool) -> Iterator[Row]:
             seepage.held_head("surface", pressure_head=-0.75),
             seepage.held_head("base", pressure_head=-10.0),
         )
-        flow, seconds = clocked(lambda p=problem, t=tolerance: marched(p, -10.0, [DAY], t))
+        flow, seconds = clocked(partial(marched, problem, -10.0, [DAY], tolerance))
         found = 1 - exact.front(column.centres()[0], np.asarray(flow.head[-1]), -5.0)
         yield _row("Celia's column", cells, tolerance, depth, found, flow, seconds)
 
@@ -126,7 +132,7 @@ def srivastava_yeh_rows(quick: bool) -> Iterator[Row]:
             column, problem = rain_on(layers, cells * len(layers.thickness))
             initial, _ = seepage.steady(problem(before * CM_PER_HOUR), -0.3)
             wet = problem(rain * CM_PER_HOUR)
-            flow, seconds = clocked(lambda p=wet, h=initial, t=tolerance: marched(p, h, times, t))
+            flow, seconds = clocked(partial(marched, wet, initial, times, tolerance))
             z = column.centres()[0]
             right = np.stack([layers.heads(before * CM_PER_HOUR, rain * CM_PER_HOUR, z, t) for t in times])
             difference = np.abs(np.asarray(flow.head) - right)
@@ -155,7 +161,7 @@ def philip_rows(quick: bool) -> Iterator[Row]:
                 seepage.held_head("left", pressure_head=-1e-3),
                 seepage.held_head("right", pressure_head=dry),
             )
-            flow, seconds = clocked(lambda p=problem, t=tolerance, h=dry, end=at: marched(p, h, [end], t))
+            flow, seconds = clocked(partial(marched, problem, dry, [at], tolerance))
             found = float(jnp.sum(flow.record.entered - flow.record.left)) / math.sqrt(at)
             row = _row(f"Philip's sorptivity, {name}", cells, tolerance, right, found, flow, seconds)
             yield row | {"reference": right, "found": found}
@@ -194,7 +200,7 @@ def dupuit_rows(quick: bool) -> Iterator[Row]:
             problem,
             seepage.hydrostatic(problem, 6.0),
             right,
-            lambda h, p=problem: float(seepage.infiltration(p, h)[0].sum()),
+            partial(inflow, problem),
         )
 
 
@@ -211,9 +217,7 @@ def drain_rows(quick: bool) -> Iterator[Row]:
             seepage.drain([(5.0, z)], radius=0.005),
         )
         right = exact.kirkham(1e-5, 2.0 - z, 2.0, 10.0, 0.005)
-        yield steady_row(
-            "Kirkham's drains", problem, 0.5, right, lambda h, p=problem: float(seepage.infiltration(p, h)[0].sum())
-        )
+        yield steady_row("Kirkham's drains", problem, 0.5, right, partial(inflow, problem))
 
 
 def parallel_row(quick: bool) -> Row:
@@ -259,7 +263,7 @@ def tracy_rows(quick: bool) -> Iterator[Row]:
                 seepage.held_head("base", pressure_head=-1.0),
                 *(seepage.held_head(side, pressure_head=-1.0) for side in sides[: 2 * d - 2]),
             )
-            (head, _), seconds = clocked(lambda p=problem: seepage.steady(p, -1.0))
+            (head, _), seconds = clocked(partial(seepage.steady, problem, -1.0))
             right = exact.tracy(2.0, 1e-5, 0.3, edges, -1.0, solid.centres().reshape(d, -1), 1e9)
             # Heads of the dry rim are logarithms of small numbers: the error of water content weighs them alike.
             wet = np.exp(2.0 * np.asarray(head).ravel()), np.exp(2.0 * right)
@@ -291,7 +295,7 @@ def order_rows(quick: bool) -> Iterator[Row]:
             seepage.held_head("base", pressure_head=-1.0),
             source=jnp.asarray(source),
         )
-        (found, _), seconds = clocked(lambda p=problem: seepage.steady(p, -1.0))
+        (found, _), seconds = clocked(partial(seepage.steady, problem, -1.0))
         errors.append(float(np.abs(np.asarray(found) - head).max()))
         order = math.log2(errors[-2] / errors[-1]) if len(errors) > 1 else None
         yield {
@@ -375,7 +379,7 @@ def precision_rows(quick: bool) -> Iterator[Row]:
     for name in ("float64", "float32"):
         with jax.enable_x64(name == "float64"):
             problem = storm(*hillside(20, 20), 1e-6)
-            flow, seconds = clocked(lambda p=problem: seepage.run(p, seepage.hydrostatic(p, 3.0), [DAY / 2, DAY]))
+            flow, seconds = clocked(partial(seepage.run, problem, seepage.hydrostatic(problem, 3.0), [DAY / 2, DAY]))
             flow.raise_if_failed()
             heads[name] = np.where(np.asarray(problem.active) > 0, np.asarray(flow.head, float), 0)
         error = float(np.abs(heads[name] - heads["float64"]).max())
@@ -413,7 +417,8 @@ def extreme_rows(quick: bool) -> Iterator[Row]:
     for name, (soil, surface, initial, options) in cases.items():
         problem = seepage.problem(column, soil, surface, falls)
         end = YEAR if options else 30 * DAY if "month" in name else 10 * DAY
-        flow, seconds = clocked(lambda p=problem, h=initial, t=end, o=options: seepage.run(p, h, [t], **o))
+        settings: dict[str, Any] = options
+        flow, seconds = clocked(partial(seepage.run, problem, initial, [end], **settings))
         status = seepage.Status(int(flow.status)).name
         tries = {"steps": int(flow.steps), "tries": int(flow.tries)}
         yield {"case": f"extreme: {name}", "status": status, **tries, "water_lost": lost(flow), "seconds": seconds}
@@ -440,7 +445,7 @@ def cost_rows(quick: bool) -> Iterator[Row]:
             return seepage.run(replace(p, soil=soil), h, [DAY / 2, DAY], tolerance=0.02, max_steps=500)
 
         run = jax.jit(jax.vmap(lambda log, one=one: (lambda f: (f.status, f.steps, f.record.iterations))(one(log))))
-        (status, steps, iterations), seconds = clocked(lambda r=run, v=logs: r(jnp.asarray(v)))
+        (status, steps, iterations), seconds = clocked(partial(run, jnp.asarray(logs)))
         yield {
             "case": f"storm on a {name}",
             "cells": math.prod(shape),

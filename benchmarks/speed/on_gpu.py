@@ -129,7 +129,7 @@ def gradients() -> Iterator[dict[str, Any]]:
     strength = jnp.broadcast_to(built.material.strength, built.particles.mass.shape)
     found = {}
     for label, engine in ENGINES.items():
-        scene = replace(built, engine=engine)
+        scene = replace(built, numerics=replace(built.numerics, engine=engine))
 
         def reached(strength: jax.Array, scene: mpm.Scene = scene) -> jax.Array:
             varied = replace(scene, material=replace(scene.material, strength=strength))

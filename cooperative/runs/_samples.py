@@ -229,7 +229,7 @@ def finished(
     level = model.water_level(coefficients)
     if model.grid in campaign.plan.fields and not decided:
         fields["displacement"] = displacement.astype(np.float32)
-        if np.shape(strain) == displacement.shape[1:]:
+        if strain is not None and np.shape(strain) == displacement.shape[1:]:
             fields["plastic_strain"] = np.asarray(strain, np.float32)
     row: dict[str, Scalar]
     volume, least = np.asarray(scene.particles.volume), campaign.failing_volume

@@ -128,10 +128,10 @@ def _entry_at(
             label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
             entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
         elif inner is not None and (part in keys(inner) or part in path):
-            path = (*entry.path, entry.key) if entry.key else ()
+            tables = (*entry.path, entry.key) if entry.key else ()
             here = value.get(part) if isinstance(value, Mapping) else None
             declared = keys(inner).get(part)
-            entry = _Entry(path, part, here, None if declared is None else table_in(declared), inner, part)
+            entry = _Entry(tables, str(part), here, None if declared is None else table_in(declared), inner, part)
         # What is left determines which of the types of a union it is.
     return entry
 
