@@ -110,14 +110,14 @@ class _Entry:
 
 
 def _entry_at(
-    table: type[Keyed], values: object, where: str, location: Iterable[int | str], path: Sequence[int | str] = ()
+    table: type[Keyed], values: object, where: str, location: Iterable[int | str], inside: Sequence[int | str] = ()
 ) -> _Entry:
     """Where pydantic's location leads: through tables, and into the list of those of which there are several.
 
-    path: from there on, that of an `Invalid`, whose parts are keys whether declared or not.
+    inside: path of an `Invalid` from there on, whose parts are keys whether declared or not.
     """
     entry = _Entry((), where, values, table)
-    for part in (*location, *path):
+    for part in (*location, *inside):
         inner, value = entry.inner, entry.value
         if isinstance(part, int):
             if inner is None:
@@ -127,7 +127,7 @@ def _entry_at(
             name = value.get("name") if isinstance(value, dict) else None
             label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
             entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
-        elif inner is not None and (part in keys(inner) or part in path):
+        elif inner is not None and (part in keys(inner) or part in inside):
             tables = (*entry.path, entry.key) if entry.key else ()
             here = value.get(part) if isinstance(value, Mapping) else None
             declared = keys(inner).get(part)
