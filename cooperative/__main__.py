@@ -6,6 +6,7 @@ The commands stand in `cooperative._commands`.
 import os
 import signal
 import sys
+from importlib import import_module
 
 from cooperative._arguments import parser
 
@@ -48,8 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         from cooperative import _commands
 
-        if args.command not in _commands.WITHOUT_JAX:
-            pass
+        for module in _commands.LIBRARIES.get(args.command, ()):
+            import_module(module)
     finally:
         signal.signal(signal.SIGINT, before)
     return _commands.execute(args)

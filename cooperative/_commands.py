@@ -232,7 +232,15 @@ FUNCTIONS: tuple[Callable[[argparse.Namespace], None], ...] = (
     *(site, example, new, check, draw, slide, fos, run, status, resume, report, export, sweep, doctor, completion),
 )
 COMMANDS = {function.__name__: function for function in FUNCTIONS}
-WITHOUT_JAX = ("example", "new", "completion")
+LIBRARIES = {
+    **dict.fromkeys(("run", "resume"), ("cooperative.campaign", "cooperative.reporting")),
+    **dict.fromkeys(("status", "report", "check", "draw"), ("cooperative.reporting",)),
+    **{"export": ("cooperative.exports",), "slide": ("cooperative.one_run",), "doctor": ("cooperative.doctor",)},
+    **{
+        name: (f"cooperative.tools.{room}",) for name, room in (("site", "site"), ("fos", "safety"), ("sweep", "sweep"))
+    },
+}
+"""Modules by command, whose loading takes seconds; commands without any need neither JAX nor NumPy."""
 RESUMABLE = ("run", "resume", "sweep")
 
 
@@ -256,11 +264,11 @@ def execute(args: argparse.Namespace) -> int:
     Returns:
         The exit code.
     """
-    if args.command not in WITHOUT_JAX:
+    if args.command in LIBRARIES:
         from cooperative import runs
     try:
         with _warning_in_lines():
-            if args.command not in WITHOUT_JAX:
+            if args.command in LIBRARIES:
                 runs.keep_compiled()
                 runs.set_flags()
             COMMANDS[args.command](args)
@@ -273,7 +281,7 @@ def execute(args: argparse.Namespace) -> int:
         return 2
     except (RuntimeError, AssertionError):
         # JAX raises either where it was told to use a device that is not there.
-        if args.command in WITHOUT_JAX or not (why := runs.missing_device()):
+        if args.command not in LIBRARIES or not (why := runs.missing_device()):
             raise
         print(f"error: {printable(why)}", file=sys.stderr)
         return 2

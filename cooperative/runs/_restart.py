@@ -25,7 +25,7 @@ from jaxmpm import State, load_state, save_state
 from jaxmpm.run import Midway
 from jaxmpm.support import files
 
-MEMORY = "memory of "
+MEMORY = "memory."
 """Begins the names of the memories of stopping rules in a restart point."""
 PASSED = (1.0, 5.0)
 """Multiples of the failure displacement. A frame is the state after the first chunk of steps that ends beyond one."""

@@ -127,7 +127,7 @@ class _UnderWay:
         self.model, self.stop, self.stored_as = model, stop, stored_as
         plan, volume = model.campaign.plan, np.asarray(model.scene.particles.volume)
         self.at_rest = Motion.start(volume, model.campaign.run.failure_displacement)
-        self.remembers = self.folder is not None or model.grid in (*plan.modes, *plan.fields)
+        self.remembers = self.folder is not None or model.grid in (*model.campaign.modes, *plan.fields)
         self.lanes: dict[int, _Lane] = {}
         self.started, self.stopping, self.busy, self.ended = time.perf_counter(), False, 0, False
 

@@ -42,7 +42,7 @@ from cooperative.folder import read_results
 from cooperative.reporting._sentences import probability
 from cooperative.scene import Exposed, FromScript, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, of_words, source_of_value
-from cooperative.store import Source, refuse_another
+from cooperative.store import Source, open_store, refuse_another
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_own_soil import SensitiveClay, Tresca
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
@@ -288,14 +288,15 @@ def test_a_script_that_changed_is_warned_of_and_another_parameter_is_refused(tmp
         spec.loader.exec_module(module)
         return replace(SHORT, soil=module.Weak(strength=30e3, **numbers))
 
-    source_of_value(campaign(text)).write(tmp_path)
+    with open_store(tmp_path / "folder", source_of_value(campaign(text))):
+        pass
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        refuse_another(tmp_path, source_of_value(campaign(text)))
+        refuse_another(tmp_path / "folder", source_of_value(campaign(text)))
     with pytest.warns(UserWarning, match=r"the file that defines law_of_mine\.Weak is not as it was when"):
-        refuse_another(tmp_path, source_of_value(campaign(text + "# changed\n")))
+        refuse_another(tmp_path / "folder", source_of_value(campaign(text + "# changed\n")))
     with pytest.raises(ValueError, match=r"campaign\.soil\.fields\.share is 0\.2 there and 0\.3 now"):
-        refuse_another(tmp_path, source_of_value(campaign(text, share=0.3)))
+        refuse_another(tmp_path / "folder", source_of_value(campaign(text, share=0.3)))
 
 
 OWN = """

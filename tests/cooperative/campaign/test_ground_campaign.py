@@ -44,8 +44,8 @@ def test_a_slope_drawn_with_its_toe_has_the_slopes_summary(tiny_campaign, tmp_pa
 
 
 def test_without_a_toe_there_are_no_modes():
-    assert parse(TINY).plan.modes == parse(TOED).plan.modes == ("refined",)
-    assert parse(OUTLINE).plan.modes == ()
+    assert parse(TINY).modes == parse(TOED).modes == ("refined",)
+    assert parse(OUTLINE).modes == ()
 
 
 REFUSED = {

@@ -125,7 +125,7 @@ def test_without_a_failure_in_the_audit_none_are_sought_beyond_it(seed, runs, co
     numbers = sorted(audit.answers)
     slides = Slides.of(audit, numbers, np.ones(len(numbers), bool), count, seed)
     assert audit.estimate.probability == 0
-    assert (slides.wanted, slides.planned) == ((), 0)
+    assert (slides.missing, slides.planned) == ((), 0)
 
 
 def known_population():

@@ -7,7 +7,7 @@ from scipy import stats
 
 from cooperative import runs
 from cooperative.scene import measure, parse
-from cooperative.store import GRIDS
+from cooperative.store import GRIDS, Source, open_store
 from tests.scenes import tables
 
 FILL_ABOVE = 7.0
@@ -71,7 +71,8 @@ def test_both_are_of_the_soil_that_the_scene_has_at_the_median(tmp_path, monkeyp
     campaign = parse(SCENE)
     soil = runs.random_soil(campaign)
     models = {grid: runs.build(campaign, grid, soil, at_rest=False) for grid in GRIDS}
-    measure(campaign, tmp_path, soil.counts, models)
+    with open_store(tmp_path / "measured", Source(SCENE)) as store:
+        measure(campaign, store, soil.counts, models)
     assert [(criterion, scene.grid.cell) for criterion, scene in measured] == [
         ("limit load", 1.0), (None, 2.0), (None, 1.0),
     ]  # fmt: skip

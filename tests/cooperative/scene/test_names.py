@@ -4,6 +4,7 @@ import dataclasses
 import os
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -61,10 +62,7 @@ def test_a_dollar_in_a_name_is_drawn_as_it_is(tmp_path):
 
 
 def _summary():
-    class Summary:
-        probability_of_failure, interval = 0.2, (0.1, 0.3)
-
-    return Summary()
+    return SimpleNamespace(probability=SimpleNamespace(value=0.2, interval=(0.1, 0.3)))
 
 
 def test_a_soundings_name_is_one_printable_line(tmp_path):

@@ -17,6 +17,7 @@ from cooperative.scene._files import Files
 from cooperative.scene._projection import compare_projections, refuse_unmetric
 from cooperative.scene._vector import MOST_FEATURES, _of_bytes, read_features
 from cooperative.scene.tables._hazard import Exposed
+from cooperative.scene.tables._key import of_features
 from tests.cooperative.scene.geopackages import blob, write
 
 DATA = Path(__file__).parents[2] / "data" / "vector"
@@ -121,11 +122,9 @@ def test_features_that_are_none_are_refused(change):
 def test_the_part_of_a_terrain_has_no_holes(package):
     write(package, {"risk": [("yard", HOUSE.difference(HOUSE.buffer(-3)))]})
     features, _ = read_features(package, None)
-    with pytest.raises(
-        ValueError, match=r"\[terrain\] polygon: 'yard' has holes, which this polygon cannot have: fill"
-    ):
-        tables.of_features(features, "[terrain] polygon")
-    assert len(tables.of_features(features, "[[exposed]] polygon", "yard", holes=True)) > 8
+    with pytest.raises(ValueError, match=r"names 'yard', which has holes, and this polygon cannot have any"):
+        of_features(features)
+    assert len(of_features(features, "yard", holes=True)) > 8
 
 
 @pytest.mark.parametrize("column", ["Name", "NAME", "name"])

@@ -26,11 +26,11 @@ def test_its_examples_ask_a_campaign(tiny_campaign, tmp_path, monkeypatch, capsy
     (code,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
     exec(code, shown := {})
     assert isinstance(shown["runs"], pandas.DataFrame)
-    assert len(shown["runs"]) == tiny_campaign[1].refined_runs
+    assert len(shown["runs"]) == tiny_campaign[1].cost.refined_runs
     assert "displacement" in capsys.readouterr().out
     shown["database"].close()
     if shutil.which("sqlite3") is None:
         pytest.skip("the program sqlite3 is not installed")
     (command,) = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.S)
     said = subprocess.run(command, shell=True, capture_output=True, text=True, check=True).stdout
-    assert len(said.splitlines()) == tiny_campaign[1].refined_runs
+    assert len(said.splitlines()) == tiny_campaign[1].cost.refined_runs

@@ -30,7 +30,7 @@ def test_k0_is_a_field_and_no_argument_of_a_scene_without_it():
     depth = 4.0 - bare.particles.position[1]
     scene, state = mpm.section(LEVEL, mpm.Soil(), NUMERICS, k0=1.0 - 0.1 * depth)
     np.testing.assert_allclose(state.stress[0] / state.stress[2], 1.0 - 0.1 * depth, rtol=2e-3)
-    assert bare.k0 is None
+    assert bare.loads.k0 is None
     assert len(jax.tree.leaves(scene)) == len(jax.tree.leaves(bare)) + 1
     with pytest.raises(ValueError, match=r"k0 has shape \(3,\): give a number or"):
         mpm.section(LEVEL, mpm.Soil(), NUMERICS, k0=np.ones(3))

@@ -133,7 +133,7 @@ def test_the_solver_alone_gives_each_particle_its_strength():
     with pytest.raises(ValueError, match=r"strength_ratio = 0.25 is of the stress at rest, .*overburden\(scene\)"):
         campaign.soil.material(np.dtype("float32"), 1.0)
     drawn, soil = mpm.Section([(0, 12), (24, 12)]), mpm.Soil(unit_weight=18e3, strength=6e3, tension_cutoff=0.0)
-    scene, state = mpm.section(drawn, soil, campaign.rough, water=10.0)
+    scene, state = mpm.section(drawn, soil, campaign.grids["rough"], water=10.0)
     scene, _ = mpm.with_soil(scene, state, strength=np.maximum(0.25 * mpm.overburden(scene), 6e3))
     np.testing.assert_allclose(scene.material.strength, wet_model(CONSTANT).strength(), rtol=1e-6)
 

@@ -53,7 +53,10 @@ def test_a_strength_that_is_not_a_number_does_not_stand(section):
     assert not np.isfinite(np.asarray(after.velocity)).all()
 
 
-NUMBERS = ("gravity", "flip", "damping", "wall_friction", "wall_cohesion", "particles.mass", "particles.volume")
+NUMBERS = (
+    *("loads.gravity", "numerics.flip", "numerics.damping", "boundary.friction", "boundary.cohesion"),
+    *("particles.mass", "particles.volume"),
+)
 
 
 def test_no_number_of_a_scene_that_is_not_one_stands():
@@ -63,11 +66,11 @@ def test_no_number_of_a_scene_that_is_not_one_stands():
     assert int(looped(scene, state, 4).status) == mpm.Status.RUNNING
     stood = []
     for name in NUMBERS:
-        head, _, tail = name.partition(".")
-        owner = getattr(scene, head) if tail else scene
-        value = getattr(owner, tail or head)
-        spoilt = replace(owner, **{tail or head: value.at[..., -1].set(jnp.nan) if value.ndim else value * jnp.nan})
-        after = looped(replace(scene, **{head: spoilt}) if tail else spoilt, state, 4)
+        part, _, field = name.partition(".")
+        owner = getattr(scene, part)
+        value = getattr(owner, field)
+        spoilt = replace(owner, **{field: value.at[..., -1].set(jnp.nan) if value.ndim else value * jnp.nan})
+        after = looped(replace(scene, **{part: spoilt}), state, 4)
         stood += [] if int(after.status) == mpm.Status.NOT_FINITE else [name]
     assert stood == []
 

@@ -48,7 +48,7 @@ def test_static_fields_survive_a_map():
         assert jax.tree.map(lambda leaf: leaf, value) == value
 
 
-SOILS = jaxmpm.Soil(strength=9e3, softening_modulus=40e3), jaxmpm.FrictionalSoil(1e3, 30.0)
+SOILS = jaxmpm.Soil(strength=9e3, softening_modulus=40e3, tension_cutoff=0.0), jaxmpm.FrictionalSoil(1e3, 30.0)
 
 
 @pytest.fixture(scope="module")
