@@ -214,7 +214,7 @@ def test_particles_beyond_the_grid_vanish(x64, name):
 
 
 def test_no_particles_give_no_sums():
-    grid, kernel = Grid((5, 4), 1.0, (0.0, 0.0)), kernel_of("gimp", 2)
+    grid, kernel = Grid((5, 4), 1.3, (0.0, 0.0)), kernel_of("gimp", 2)
     nodal = p2g(grid, kernel, jnp.zeros((2, 0)), jnp.zeros((3, 0)), jnp.zeros((3, 0)))
     assert nodal.shape == (20, 5)
     assert not np.any(nodal)
