@@ -53,6 +53,7 @@ def read_campaigns(args: argparse.Namespace) -> list[Campaign]:
 
 
 def run(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm run`."""
     from cooperative import runs
     from cooperative.scene import parse
 
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def resume(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm resume`."""
     from cooperative.store import read_store
 
     _run(read_store(args.folder).source, args.folder, args)
@@ -83,6 +85,7 @@ def _run(source: Source, folder: Path, args: argparse.Namespace) -> None:
 
 
 def status(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm status`."""
     from cooperative.reporting import progress_of, watched, words
 
     if args.watch is None:
@@ -94,12 +97,14 @@ def status(args: argparse.Namespace) -> None:
 
 
 def report(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm report`."""
     from cooperative.reporting import report
 
     print(report(args.folder, slides=args.slides, again=args.again))
 
 
 def export(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm export`."""
     from cooperative.exports import export, export_sample
 
     if args.sample is None and args.frames is not None:
@@ -114,6 +119,7 @@ def export(args: argparse.Namespace) -> None:
 
 
 def sweep(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm sweep`."""
     from cooperative import runs
     from cooperative.tools import sweep
 
@@ -124,12 +130,14 @@ def sweep(args: argparse.Namespace) -> None:
 
 
 def site(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm site`."""
     from cooperative.tools import site
 
     print(*site.answer(args), sep="\n")
 
 
 def new(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm new`."""
     from cooperative.example_scenes import begin
 
     for path in begin(args.kind, args.out or Path(f"{args.kind}.toml")):
@@ -137,6 +145,7 @@ def new(args: argparse.Namespace) -> None:
 
 
 def example(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm example`."""
     from cooperative.example_scenes import write_example
 
     for path in write_example(args.name, args.out or Path(f"{args.name}.toml")):
@@ -144,6 +153,7 @@ def example(args: argparse.Namespace) -> None:
 
 
 def check(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm check`."""
     from cooperative import runs
     from cooperative.reporting import words_of_cost
 
@@ -158,6 +168,7 @@ def check(args: argparse.Namespace) -> None:
 
 
 def draw(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm draw`."""
     from cooperative.reporting import draw, interactive
 
     campaign = read_campaigns(args)[0]
@@ -168,6 +179,7 @@ def draw(args: argparse.Namespace) -> None:
 
 
 def slide(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm slide`."""
     from tqdm import tqdm
 
     from cooperative.one_run import lines, slide, write_slide
@@ -191,6 +203,7 @@ def slide(args: argparse.Namespace) -> None:
 
 
 def fos(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm fos`."""
     from cooperative.tools import safety
     from jaxmpm.support.files import not_linked
 
@@ -212,6 +225,7 @@ def fos(args: argparse.Namespace) -> None:
 
 
 def doctor(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm doctor`."""
     from cooperative import doctor
 
     if not doctor.examine():
@@ -219,6 +233,7 @@ def doctor(args: argparse.Namespace) -> None:
 
 
 def completion(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm completion`."""
     shtab = extra("shtab", "shtab is not installed")
     whole = parser()
     for command in whole._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]

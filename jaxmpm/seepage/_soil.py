@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar, NamedTuple, TypeVar
@@ -43,7 +44,7 @@ class Shape(NamedTuple):
     entry: Array
 
 
-class Retention:
+class Retention(ABC):
     """What the soils share: water content, and the variable in which Newton's method steps.
 
     Below the head at which saturation rises fastest that variable is saturation, above it is the head. Water content is
@@ -58,22 +59,22 @@ class Retention:
     anisotropy: Array
     storage: Array
 
+    @abstractmethod
     def shape(self) -> Shape:
         """What follows from the numbers of the soil alone."""
-        raise NotImplementedError
 
+    @abstractmethod
     def curves(self, head: Array, shape: Shape) -> tuple[Array, Array]:
         """Effective saturation, and conductivity over that of saturated soil, at pressure heads (m)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def head_of(self, saturation: Array, shape: Shape) -> Array:
         """Pressure head (m) at effective saturations below 1."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def steepness(self) -> Array:
         """Fall of the logarithm of conductivity per suction (1/m)."""
-        raise NotImplementedError
 
     def saturation(self, head: ArrayLike) -> Array:
         """Effective saturation from 0 to 1 at pressure heads (m)."""

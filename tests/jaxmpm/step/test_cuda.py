@@ -84,7 +84,7 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     cuda.available.cache_clear()
 
 
-def close_to_xla(function, *arrays, tolerance: float) -> None:
+def assert_close_to_xla(function, *arrays, tolerance: float) -> None:
     """Assert that a function of an engine and arrays gives what it does on XLA, relative to the largest number."""
     results = [jax.jit(partial(function, engine))(*arrays) for engine in (Engine.NATIVE, Engine.XLA)]
     for a, b in zip(*map(jax.tree.leaves, results), strict=True):
@@ -107,14 +107,14 @@ def test_agrees_with_xla(x64, d, name, dtype):
         def mapped(engine, position, carried=carried, stressed=stressed):
             return p2g(grid, kernel, position, carried, stress if stressed else None, engine=engine)
 
-        close_to_xla(mapped, position, tolerance=2e-6 if dtype == "float32" else 1e-13)
+        assert_close_to_xla(mapped, position, tolerance=2e-6 if dtype == "float32" else 1e-13)
     for values, gradients in ((d, 0), (0, d), (2 * d, d), (1, 1), (1, 3), (9, 2)):
         nodal = jnp.asarray(rng.normal(size=(grid.nodes, max(values, gradients))), dtype)
 
         def read(engine, position, nodal=nodal, values=values, gradients=gradients):
             return g2p(grid, kernel, position, nodal, values=values, gradients=gradients, engine=engine)
 
-        close_to_xla(read, position, tolerance=2e-6 if dtype == "float32" else 1e-13)
+        assert_close_to_xla(read, position, tolerance=2e-6 if dtype == "float32" else 1e-13)
 
 
 @pytest.mark.parametrize(("d", "name"), [(1, "gimp"), (2, "gimp"), (2, "bspline"), (3, "gimp")])
@@ -146,7 +146,7 @@ def test_sums_of_any_column(seed, d, last, crowd):
     position = np.array(grid.origin)[:, None] + grid.cell * position
     carried, stress = rng.uniform(size=(1 + d, n)), rng.uniform(size=(d * (d + 1) // 2, n))
     arrays = [jnp.asarray(a, jnp.float32) for a in (position, carried, stress)]
-    close_to_xla(lambda engine, *a: p2g(grid, GIMP((0.2,) * d), *a, engine=engine), *arrays, tolerance=4e-6)
+    assert_close_to_xla(lambda engine, *a: p2g(grid, GIMP((0.2,) * d), *a, engine=engine), *arrays, tolerance=4e-6)
 
 
 def lanes_of_particles(lanes: int, n: int):
@@ -197,7 +197,7 @@ def test_nested_batches_share_what_they_share():
         inner = jax.vmap(lambda x, c: p2g(grid, kernel, x, c, stress[0], engine=engine), in_axes=(None, 0))
         return jax.vmap(inner, in_axes=(0, None))(position, carried)
 
-    close_to_xla(mapped, position, carried, tolerance=2e-6)
+    assert_close_to_xla(mapped, position, carried, tolerance=2e-6)
 
 
 @pytest.mark.parametrize("name", KERNELS)
@@ -232,7 +232,7 @@ def test_cell_sums_agree_with_xla(x64, dtype):
             each = jax.vmap(lambda c, v: _cells.cell_sums(c, v, cells=30, engine=engine), in_axes=axes)
             return each(cell if axes[0] == 0 else cell[0], values if axes[1] == 0 else values[0])
 
-        close_to_xla(summed, cell, values, tolerance=1e-6 if dtype == "float32" else 1e-14)
+        assert_close_to_xla(summed, cell, values, tolerance=1e-6 if dtype == "float32" else 1e-14)
 
 
 REFUSED = [
