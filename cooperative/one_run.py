@@ -14,7 +14,7 @@ import jaxmpm
 import kl
 from cooperative import runs
 from cooperative.measure import Motion, exceeded
-from cooperative.reporting import panels, save
+from cooperative.reporting import panels, save, units_of
 from cooperative.scene import Campaign, RandomField
 from cooperative.store import Sample, own_folder
 from jaxmpm import Scene, State, solve_each, write_vtkhdf
@@ -38,6 +38,7 @@ class Slide:
         grid: in words.
         failure_displacement: from which on soil slides (m).
         least_volume: of soil that has to slide, in m3 or, in a section, m2; None for any particle.
+        units: of the numbers of the run, in words.
         scene: of the solver.
         sample: status, numbers and fields of the run, see `cooperative.Sample`.
         failed: time (s) at which it had failed, None where it stands.
@@ -50,6 +51,7 @@ class Slide:
     grid: str
     failure_displacement: float
     least_volume: float | None
+    units: dict[str, str] = field(repr=False)
     scene: Scene = field(repr=False)
     sample: Sample = field(repr=False)
     failed: float | None = None
@@ -126,10 +128,12 @@ def slide(
     )  # fmt: skip
     kept[float(result.state.step) * float(result.time_step)] = result.state
     motion = past if grid in campaign.modes else None
+    shape = campaign.site.shape
+    units = units_of(campaign.dimension, toe=shape.face is not None, line=campaign.site.track is not None)
     of = "mean soil" if mean else "median soil" if sample is None else f"soil of sample {sample}"
     return Slide(
         campaign.name, of if divide == 1 else f"{of}, its strength divided by {divide:g}",
-        f"{grid} grid, cells of {campaign.grids[grid].cell:g} m", limit, least, scene,
+        f"{grid} grid, cells of {campaign.grids[grid].cell:g} m", limit, least, units, scene,
         runs.finished(model, sample or 0, coefficients, result, time.perf_counter() - start, motion), failed,
         tuple(kept), tuple(kept.values()),
     )  # fmt: skip
@@ -172,9 +176,9 @@ def lines(run: Slide) -> Iterator[str]:
     what = "soil" if not run.least_volume else f"{run.least_volume:.3g} {unit} of soil"
     yield f"  it fails: {what} moved farther than {run.failure_displacement:g} m within {run.failed:.3g} s"
     yield f"  it slides {row['displacement']:.3g} m, {rest} after {row['time']:.3g} s"
-    volume = f"{row['volume']:.3g} {'m3 per metre of width' if unit == 'm2' else 'm3'}"
-    reach = f"run-out {row['runout']:.3g} m beyond the toe, " if "runout" in row else ""
-    yield f"  {reach}volume {volume}{', ' + row['mode'] if 'mode' in row else ''}"
+    volume = f"{row['volume']:.3g} {run.units['volume'].replace('³', '3')}"
+    mode = f", {row['mode']}" if "mode" in row else ""
+    yield f"  run-out {row['runout']:.3g} {run.units['runout']}; volume {volume}{mode}"
     if row.get("walls"):
         yield f"  it reached {row['walls']}: draw the ground longer there"
 

@@ -11,7 +11,7 @@ from cooperative.reporting._page import document, heading, headline, paragraph
 from cooperative.reporting._page import table as html_table
 from cooperative.reporting._plots import draw_particles, quantity, save
 from cooperative.reporting._progress import progress_of, watched, words
-from cooperative.reporting._sentences import Cell, limits
+from cooperative.reporting._sentences import Cell, limits, units_of
 
 __all__ = [
     "Cell",
@@ -32,6 +32,7 @@ __all__ = [
     "report",
     "save",
     "tiled",
+    "units_of",
     "watched",
     "words",
     "words_of_cost",

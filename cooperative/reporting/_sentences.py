@@ -304,13 +304,24 @@ def labels(results: Results) -> dict[str, str]:
 
 def units(results: Results) -> dict[str, str]:
     """Unit of each consequence in words."""
-    per_width = "" if results.ground.dimension == 3 else " per metre of width"
-    toe = results.ground.face is not None
-    line = ", along the line of the scene" if results.ground.line else ""
+    ground = results.ground
+    return units_of(ground.dimension, toe=ground.face is not None, line=bool(ground.line))
+
+
+def units_of(dimension: int, *, toe: bool, line: bool) -> dict[str, str]:
+    """Unit of each consequence in words.
+
+    Args:
+        dimension: of the ground.
+        toe: whether the ground has one.
+        line: whether the scene has a run-out line.
+    """
+    per_width = "" if dimension == 3 else " per metre of width"
+    along = ", along the line of the scene" if line else ""
     return {
         "displacement": "m",
         "depth": "m below the crest" if toe else "m below the surface",
-        "runout": "m beyond the toe" if toe else f"m from its rear to its front{line}",
+        "runout": "m beyond the toe" if toe else f"m from its rear to its front{along}",
         "volume": f"m³{per_width}",
         "area": "m² beyond the toe" if toe else "m² at its end",
     }
