@@ -2,16 +2,10 @@
 
 from .campaign import run
 from .estimate import (
-    Answers,
     ControlVariate,
-    Estimate,
     Estimator,
     MonteCarlo,
-    Phases,
-    Population,
     Published,
-    Sampling,
-    SceneSamples,
     Subset,
     TwoPhase,
     control_variate,
@@ -20,20 +14,18 @@ from .estimate import (
     rank_samples,
     subset_simulation,
     two_phase,
-    wilson_interval,
 )
 from .exports import export, export_sample
-from .hazard import Maps, hazard_maps
-from .measure import Consequences, FailureMode, consequences, failure_mode
-from .one_run import Slide, slide
+from .hazard import hazard_maps
+from .measure import consequences, failure_mode
+from .one_run import slide
 from .reporting import progress_of, report
-from .runs import GridModel, Stopped, build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
+from .runs import build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
 from .scene import (
     Campaign,
     CrossCorrelation,
     Grid,
     Hazard,
-    Measured,
     Plan,
     RandomField,
     Run,
@@ -42,8 +34,6 @@ from .scene import (
     read,
 )
 from .store import (
-    Rows,
-    Sample,
     read_rows,
     read_sample,
     read_store,
@@ -51,34 +41,19 @@ from .store import (
 from .summary import Summary
 
 __all__ = [
-    "Answers",
     "Campaign",
-    "Consequences",
     "ControlVariate",
     "CrossCorrelation",
-    "Estimate",
     "Estimator",
-    "FailureMode",
     "Grid",
-    "GridModel",
     "Hazard",
-    "Maps",
-    "Measured",
     "MonteCarlo",
-    "Phases",
     "Plan",
-    "Population",
     "Published",
     "RandomField",
-    "Rows",
     "Run",
-    "Sample",
-    "Sampling",
-    "SceneSamples",
     "Site",
     "SiteLayer",
-    "Slide",
-    "Stopped",
     "Subset",
     "Summary",
     "TwoPhase",
@@ -107,5 +82,4 @@ __all__ = [
     "slide",
     "subset_simulation",
     "two_phase",
-    "wilson_interval",
 ]

@@ -40,7 +40,7 @@ class Slide:
         least_volume: of soil that has to slide, in m3 or, in a section, m2; None for any particle.
         units: of the numbers of the run, in words.
         scene: of the solver.
-        sample: status, numbers and fields of the run, see `cooperative.Sample`.
+        sample: status, numbers and fields of the run, see `cooperative.store.Sample`.
         failed: time (s) at which it had failed, None where it stands.
         times: of the states (s).
         states: from the start to the end.

@@ -31,16 +31,8 @@ from jax import Array
 from scipy.linalg import expm
 
 import jaxmpm as mpm
-from cooperative import (
-    Answers,
-    Estimate,
-    Population,
-    Sampling,
-    SceneSamples,
-    campaign,
-    rank_samples,
-    wilson_interval,
-)
+from cooperative import campaign, rank_samples
+from cooperative.estimate import Answers, Estimate, Population, Sampling, SceneSamples, wilson_interval
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 
 SMALL = os.environ.get("JAXMPM_SMALL") == "1"  # small sizes, for a quick look and for the tests
@@ -343,7 +335,7 @@ print(f"front over that of the closed form: {fronts[0]:.2f} in plane strain, {fr
 # An estimator says which samples run on the refined grid, and what it makes of the answers. It is a frozen dataclass,
 # whose fields are its settings, with the methods of `cooperative.Estimator`: what it screens, what it wants to run
 # next, its estimate, and what every run stands for. All are functions of what is known by then, so a campaign can be
-# killed and goes on. `cooperative.SceneSamples` screens the scene's own samples, and leaves the rest to write.
+# killed and goes on. `cooperative.estimate.SceneSamples` screens the scene's own samples, and leaves the rest to write.
 #
 # This one is systematic sampling (Cochran 1977, *Sampling Techniques*, Chapter 8): every `step`-th sample of the
 # ranking from the rough grid runs refined, so that refined runs are spread over all ranks.

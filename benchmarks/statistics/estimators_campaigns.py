@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from cooperative import Estimate, Population, control_variate, monte_carlo, published, two_phase
-from cooperative.estimate import AuditPlan, SubsetPlan, TwoPhase, subset_simulation
+from cooperative import control_variate, monte_carlo, published, two_phase
+from cooperative.estimate import AuditPlan, Estimate, Population, SubsetPlan, TwoPhase, subset_simulation
 
 # As on the published section, the rough grid fails at a higher response: half as often.
 ROUGH_FAILS = 0.5

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from cooperative import Phases, Population, TwoPhase
-from cooperative.estimate import Slides, mean_interval
+from cooperative import TwoPhase
+from cooperative.estimate import Phases, Population, Slides, mean_interval
 
 SAMPLES = 750
 CORRELATION = 0.95

@@ -19,8 +19,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.statistics.section_pairs import Pairs, read
-from cooperative import Estimate, Population, control_variate, monte_carlo, published, rank_samples, two_phase
-from cooperative.estimate import AuditPlan, correlation, sample_weights, stopping_rank, wilson_interval
+from cooperative import control_variate, monte_carlo, published, rank_samples, two_phase
+from cooperative.estimate import (
+    AuditPlan,
+    Estimate,
+    Population,
+    correlation,
+    sample_weights,
+    stopping_rank,
+    wilson_interval,
+)
 from cooperative.reporting import save
 
 LIMIT = 1.0

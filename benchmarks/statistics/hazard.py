@@ -28,9 +28,9 @@ from benchmarks.measure import Report, on_cores, scene_campaign
 from benchmarks.speed.leave_out import turns, unchanged, with_looks
 from benchmarks.statistics import estimators_means as means
 from benchmarks.statistics.hazard_populations import LIMIT, SOLID, Population, population
-from cooperative import Estimate, MonteCarlo, TwoPhase, report
+from cooperative import MonteCarlo, TwoPhase, report
 from cooperative import run as run_campaign
-from cooperative.estimate import Chances, Estimator, chance_of, exceedance, mean_of
+from cooperative.estimate import Chances, Estimate, Estimator, chance_of, exceedance, mean_of
 from cooperative.measure import Vulnerability
 from cooperative.scene import built
 

@@ -23,8 +23,7 @@ from scipy.stats import norm
 
 from benchmarks.measure import Report
 from benchmarks.statistics.estimators import measured
-from cooperative import Estimate, Population
-from cooperative.estimate import Phases, TwoPhase
+from cooperative.estimate import Estimate, Phases, Population, TwoPhase
 from cooperative.tools.sweep_audit import shared_audit
 from cooperative.tools.sweep_differences import by_sample, paired_difference, unit_of
 

@@ -168,7 +168,7 @@ def wilson_interval(
         ValueError: unless 0 <= failures <= samples, samples > 0 and 0 < level < 1.
 
     Example:
-        >>> from cooperative import wilson_interval
+        >>> from cooperative.estimate import wilson_interval
         >>> low, high = wilson_interval(10, 100)
         >>> f"{low:.3f} to {high:.3f}"
         '0.055 to 0.174'

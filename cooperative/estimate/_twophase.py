@@ -115,8 +115,7 @@ def two_phase(population: Population, refined: Answers, plan: AuditPlan, *, leve
 
     Example:
         >>> import numpy as np
-        >>> from cooperative import Population, two_phase
-        >>> from cooperative.estimate import AuditPlan, next_audit
+        >>> from cooperative.estimate import AuditPlan, Population, next_audit, two_phase
         >>> score = np.random.default_rng(1).standard_normal(200)
         >>> population, fails = Population(np.exp(score), failure_displacement=2.5), score > 1.2
         >>> plan, answers = AuditPlan(40), {}

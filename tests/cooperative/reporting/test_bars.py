@@ -9,7 +9,8 @@ import sys
 import pytest
 
 from benchmarks.robustness import invented
-from cooperative import Stopped, run
+from cooperative import run
+from cooperative.runs import Stopped
 from cooperative.store import open_store
 
 AUDITED = invented.SCENE.replace("samples = 50", "samples = 12").replace("refined_runs = 15", "refined_runs = 10")

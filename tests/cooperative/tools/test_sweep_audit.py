@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.statistics.sweeps import CASES, LEVELS, Case, repeat, summarise
-from cooperative import Population
-from cooperative.estimate import SharedAudit, TwoPhase
+from cooperative.estimate import Population, SharedAudit, TwoPhase
 from cooperative.tools import sweep
 from cooperative.tools.sweep_audit import shared_audit
 from cooperative.tools.sweep_differences import paired_difference, unit_of
