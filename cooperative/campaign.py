@@ -174,7 +174,7 @@ class Runner:
         if self.workers is not None:
             ended = runs.run_through(
                 self.workers, self.packed, grid, numbers, coefficients, stop_at=limit, slides=slides,
-                folder=folder, look=self.stop.check,
+                folder=folder, check=self.stop.check,
             )  # fmt: skip
         else:
             ended = runs.run_samples(
@@ -206,7 +206,7 @@ def _opened(
             models = {grid: runs.build(unmeasured, grid, soil, folder=folder) for grid in grids}
             for model in models.values() if verify else ():
                 runs.verify_initial(folder, model)
-        with open_store(folder, source, verify=verify, look=stop.check) as store, runs.bars(folder, progress) as bar:
+        with open_store(folder, source, verify=verify, check=stop.check) as store, runs.bars(folder, progress) as bar:
             with stop.at_once():
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)

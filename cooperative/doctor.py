@@ -61,8 +61,8 @@ def installation() -> Iterator[tuple[str, str]]:
     if missing:
         yield "device", f"none. {missing}"
     for device in [] if missing else jax.devices():
-        known = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
-        untimed = "" if known else " (the solver runs here, untimed)"
+        timed = device.platform == "cpu" or device.device_kind.startswith(_TIMED)
+        untimed = "" if timed else " (the solver runs here, untimed)"
         yield "device", f"{device.platform}: {device.device_kind}{untimed}"
     yield "compiled programs", f"stored in {folder}" if (folder := keep_compiled()) else "not stored"
     mappings = memory_mappings()
@@ -108,7 +108,7 @@ def engines_apart() -> float | None:
     arrays = [jnp.asarray(a, jnp.float32) for a in (position, rng.normal(size=(4, 5000)), rng.normal(size=(6, 5000)))]
     kernel = mpm.GIMP((0.25,) * d)
     nodal, expected = (
-        mpm.transfer.p2g(grid, kernel, *arrays, engine=each) for each in (mpm.Engine.NATIVE, mpm.Engine.XLA)
+        mpm.transfer.p2g(grid, kernel, *arrays, engine=compiled) for compiled in (mpm.Engine.NATIVE, mpm.Engine.XLA)
     )
     return float(jnp.abs(nodal - expected).max() / jnp.abs(expected).max())
 

@@ -49,11 +49,11 @@ def begin(kind: str, path: Path) -> list[Path]:
     Raises:
         ValueError: another kind, and where a file exists already.
     """
-    known = starters()
-    if kind not in known:
-        raise ValueError(f"kind = {shown(kind)}: give one of {', '.join(known)}")
+    kinds = starters()
+    if kind not in kinds:
+        raise ValueError(f"kind = {shown(kind)}: give one of {', '.join(kinds)}")
     hillside = {path.parent / "terrain.asc": _hillside()} if kind == "terrain" else {}
-    return _write({path: NAMED + known[kind].read_text(encoding="utf-8"), **hillside})
+    return _write({path: NAMED + kinds[kind].read_text(encoding="utf-8"), **hillside})
 
 
 def write_example(name: str, path: Path) -> list[Path]:
@@ -74,11 +74,11 @@ def write_example(name: str, path: Path) -> list[Path]:
 
 def _write(texts: dict[Path, str]) -> list[Path]:
     """Write a scene and what it needs, and beside it the schema; what was there before stays."""
-    for each in texts:
-        if each.exists():
-            raise ValueError(f"{each} exists already: give another name with --out")
-    for each, text in texts.items():
-        write_aside(each, text.encode())
+    for path in texts:
+        if path.exists():
+            raise ValueError(f"{path} exists already: give another name with --out")
+    for path, text in texts.items():
+        write_aside(path, text.encode())
     schema = next(iter(texts)).with_name(SCHEMA.name)
     if not os.path.lexists(schema):
         write_aside(schema, SCHEMA.read_bytes())
@@ -116,7 +116,7 @@ def example(name: str) -> str:
     Raises:
         ValueError: a name that no example has.
     """
-    known = examples()
-    if name not in known:
-        raise ValueError(f"no example scene is called {shown(name)}: give one of {', '.join(known)}")
-    return known[name].read_text(encoding="utf-8")
+    names = examples()
+    if name not in names:
+        raise ValueError(f"no example scene is called {shown(name)}: give one of {', '.join(names)}")
+    return names[name].read_text(encoding="utf-8")

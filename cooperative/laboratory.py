@@ -157,13 +157,13 @@ def known_names(columns: Columns) -> str:
 
 
 def read_columns(
-    path: Path, known: Columns, units: Mapping[str, str]
+    path: Path, expected: Columns, units: Mapping[str, str]
 ) -> tuple[dict[str, Values], dict[str, npt.NDArray[np.str_]]]:
     """The known columns of a CSV, whose first row has their names, each with its unit in brackets.
 
     Args:
         path: of the CSV.
-        known: columns that are read.
+        expected: columns that are read.
         units: of columns whose heading has none, by the column's name.
 
     Returns:
@@ -176,7 +176,7 @@ def read_columns(
     read = read_table(path)
     if not read.rows:
         raise SiteError(f"{path} has no rows below its header: give one row for each reading")
-    columns = _columns(path, read, known, units)
+    columns = _columns(path, read, expected, units)
     cells = {name: [row[column] for row in read.rows] for name, (column, _) in columns.items()}
     texts = {name: np.array(cells[name]) for name in TEXTS if name in cells}
     table = {
@@ -236,11 +236,11 @@ def read_rows(path: Path) -> list[list[float]]:
     if not path.is_file():
         raise SiteError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
     table, texts = read_columns(path, POSITION | PARAMETERS, {})
-    given = [name for name in PARAMETERS if name in table]
-    if not given:
+    names = [name for name in PARAMETERS if name in table]
+    if not names:
         raise SiteError(f"{path} has no column of a parameter: name one of {known_names(PARAMETERS)}")
-    if len(given) > 1:
-        raise SiteError(f"{path} has {len(given)} columns of parameters: a field has values of one, leave one")
+    if len(names) > 1:
+        raise SiteError(f"{path} has {len(names)} columns of parameters: a field has values of one, leave one")
     (only,) = measured_of(path, table, texts)
     flat = bool(np.isnan(only.y).all())
     rows = np.stack([only.x, only.z, only.value] if flat else [only.x, only.y, only.z, only.value], axis=1)
@@ -250,7 +250,7 @@ def read_rows(path: Path) -> list[list[float]]:
     return rows[valid].tolist()
 
 
-def _columns(path: Path, read: Table, known: Columns, units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
+def _columns(path: Path, read: Table, expected: Columns, units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
     """Number of each known column in a row, and what its numbers are multiplied by."""
     columns: dict[str, tuple[int, float]] = {}
     unknown: list[str] = []
@@ -261,13 +261,13 @@ def _columns(path: Path, read: Table, known: Columns, units: Mapping[str, str]) 
         plain = word.strip().lower().replace(" ", "_")
         if plain in DEGREES:
             raise SiteError(f"{path}: the column {shown(cell)} has degrees: give x [m] and y [m] of a national grid")
-        name = next((name for name, (_, words) in known.items() if plain == name or plain in words), None)
+        name = next((name for name, (_, words) in expected.items() if plain == name or plain in words), None)
         if name is None:
             unknown += [shown(cell)] if cell.strip() else []
             continue
         if name in columns:
             raise SiteError(f"{path} has two columns of {name}: {shown(cell)} is the second, leave one out")
-        quantity = known[name][0]
+        quantity = expected[name][0]
         unit = unit or units.get(plain) or units.get(name)
         if quantity and not unit:
             allowed = known_units(quantity)
@@ -292,7 +292,7 @@ def one_text(path: Path, key: str, column: npt.NDArray[np.str_] | None) -> str |
     Raises:
         SiteError: several texts.
     """
-    values = {printable(each.strip()) for each in (() if column is None else column) if each.strip()}
+    values = {printable(value.strip()) for value in (() if column is None else column) if value.strip()}
     if len(values) > 1:
         raise SiteError(f"{path} has several {key}: {', '.join(sorted(values)[:3])}; give one")
     return values.pop() if values else None

@@ -102,8 +102,8 @@ def slide(
         why = "nothing in the scene is random" if not _random(campaign) else "mean soil is that of no sample"
         why = why if mean or not _random(campaign) else f"the scene has samples 0 to {campaign.plan.samples - 1}"
         raise ValueError(f"sample = {sample}: {why}")
-    drawn = runs.random_soil(campaign)
-    coefficients = np.zeros(drawn.modes) if sample is None else runs.coefficients_of(campaign, drawn)[sample]
+    soil = runs.random_soil(campaign)
+    coefficients = np.zeros(soil.modes) if sample is None else runs.coefficients_of(campaign, soil)[sample]
     model = runs.build(campaign := _certain(campaign) if mean else campaign, grid, runs.random_soil(campaign))
     scene, state = model.of_sample(coefficients)
     scene = scene if divide == 1 else jaxmpm.reduced(scene, divide)

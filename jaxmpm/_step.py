@@ -61,7 +61,7 @@ def stepped(scene: Scene, state: State, dt: Array) -> State:
     """The state after a step of dt (s), whose length is taken as right."""
     after = moved(scene, state, dt)
     if scene.free_field is not None:
-        low, high = (moved(column, own, dt) for column, own in beyond_ends(scene, state))
+        low, high = (moved(column, column_state, dt) for column, column_state in beyond_ends(scene, state))
         after = replace(after, free_field=(low, high))
     status = lane_status(scene, jax.lax.stop_gradient(after), dt)
     return replace(after, step=state.step + 1, status=jnp.where(state.status > Status.DECIDED, state.status, status))
@@ -185,12 +185,12 @@ def unresolved(scene: Scene, state: State, nodal: Nodal, resolved: Array, maps: 
         resolved: velocity (d, N) m/s that the nodes then give back.
         maps: transfers.
     """
-    left = state.velocity - resolved
+    rest = state.velocity - resolved
     for _ in range(scene.numerics.xpic - 1):
-        moving = maps.momentum(maps.to_all_nodes(scene.particles.mass * left, None))
-        seen, _ = maps.to_particles(nodal_velocity(nodal._replace(momentum=moving)), values=len(left), gradients=0)
-        left = left - seen
-    return left
+        moving = maps.momentum(maps.to_all_nodes(scene.particles.mass * rest, None))
+        seen, _ = maps.to_particles(nodal_velocity(nodal._replace(momentum=moving)), values=len(rest), gradients=0)
+        rest = rest - seen
+    return rest
 
 
 def mapped_again(scene: Scene, state: State, nodal: Nodal, motion: GridMotion, maps: Maps) -> Array:

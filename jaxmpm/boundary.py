@@ -109,16 +109,16 @@ def hold(scene: Scene, nodal: Array, value: float = 0.0) -> Array:
     if all(wall.hold == "friction" for wall in walls):
         return nodal
     shape = (*grid.shape, grid.dimension)
-    held = jnp.zeros(shape, bool)
+    fixed = jnp.zeros(shape, bool)
     for wall in walls:
         if wall.hold == "friction":
             continue
         beyond = _beyond(wall, shape)
         if wall.hold == "roller":
             beyond &= jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
-        held |= beyond
+        fixed |= beyond
     # One selection, of a mask that XLA makes once: a selection per wall would be made in every step.
-    return jnp.where(held.reshape(nodal.shape), value, nodal)
+    return jnp.where(fixed.reshape(nodal.shape), value, nodal)
 
 
 def slide(scene: Scene, velocity: Array, braked: Callable[[Region | None, Array], Array]) -> Array:
@@ -153,8 +153,8 @@ def _slid(velocity: Array, normal: Array, braked: Callable[[Array], Array]) -> A
     push = jnp.maximum(-outward, 0)
     tangential = velocity - outward[..., None] * normal
     speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
-    left = jnp.where(speed > 0, jnp.maximum(1 - braked(push) / jnp.where(speed > 0, speed, 1), 0), 1)
-    return left[..., None] * tangential + (outward + push)[..., None] * normal
+    share = jnp.where(speed > 0, jnp.maximum(1 - braked(push) / jnp.where(speed > 0, speed, 1), 0), 1)
+    return share[..., None] * tangential + (outward + push)[..., None] * normal
 
 
 def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
@@ -201,8 +201,8 @@ def _walls(scene: Scene) -> Iterator[tuple[Region, Array]]:
     for wall in scene.boundary.walls:
         if wall.hold == "friction":
             low = wall.side == "low"
-            own = slice(wall.index + 1) if low else slice(wall.index, None)
-            yield (slice(None),) * wall.axis + (own,), axes[wall.axis] if low else -axes[wall.axis]
+            nodes = slice(wall.index + 1) if low else slice(wall.index, None)
+            yield (slice(None),) * wall.axis + (nodes,), axes[wall.axis] if low else -axes[wall.axis]
 
 
 def _beyond(wall: Wall, shape: tuple[int, ...]) -> Array:

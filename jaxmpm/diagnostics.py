@@ -18,10 +18,10 @@ from jaxmpm.types import Scene, State
 
 
 def _of_one_lane(scene: Scene, state: State) -> None:
-    shape, wanted = np.shape(state.displacement), np.shape(scene.particles.position)
-    if shape != wanted:
+    shape, expected = np.shape(state.displacement), np.shape(scene.particles.position)
+    if shape != expected:
         raise ValueError(
-            f"the state's displacement has shape {shape}, the scene needs {wanted}: give the state of one lane of "
+            f"the state's displacement has shape {shape}, the scene needs {expected}: give the state of one lane of "
             "this scene, or map over the lanes with jax.vmap"
         )
 
@@ -86,10 +86,10 @@ def exceeded_displacement(scene: Scene, state: State, volume: float) -> Array:
     """
     _of_one_lane(scene, state)
     check.positive("volume", volume)
-    distance, own = displacement(state), scene.particles.volume
+    distance, volumes = displacement(state), scene.particles.volume
     order = jnp.argsort(-distance)
     # Half a particle less than the given volume, so that rounding does not matter.
-    last = jnp.searchsorted(jnp.cumsum(own[order]), volume - jnp.min(own) / 2)
+    last = jnp.searchsorted(jnp.cumsum(volumes[order]), volume - jnp.min(volumes) / 2)
     return distance[order][jnp.minimum(last, distance.size - 1)]
 
 

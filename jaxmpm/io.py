@@ -83,20 +83,20 @@ def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
         ValueError: If a leaf is missing, superfluous or of another shape or dtype than that of `like`; the message
             names it.
     """
-    wanted = _named(like)
+    named = _named(like)
     with hdf5.read_sealed(path, KIND, SCHEMA) as file:
         names = file.names("state")
-        arrays = {name: file.array("state", name) for name in names if name in wanted}
+        arrays = {name: file.array("state", name) for name in names if name in named}
         about = {name: file.value("about", name) for name in file.names("about")}
-    if wanted.keys() != arrays.keys() | set(names):
+    if named.keys() != arrays.keys() | set(names):
         raise ValueError(
-            f"{path} holds {shown(sorted(names))}, the scene's state has {sorted(wanted)}: give its own scene"
+            f"{path} holds {shown(sorted(names))}, the scene's state has {sorted(named)}: give its own scene"
         )
-    for name, leaf in wanted.items():
+    for name, leaf in named.items():
         there, expected = (arrays[name].shape, arrays[name].dtype), (np.shape(leaf), np.dtype(leaf.dtype))
         if there != expected:
             raise ValueError(f"{path} holds {name} as {there}, the scene's state as {expected}: give its own scene")
-    leaves = [jnp.asarray(arrays[name]) for name in wanted]
+    leaves = [jnp.asarray(arrays[name]) for name in named]
     return jax.tree.unflatten(jax.tree.structure(like), leaves), about
 
 
@@ -191,16 +191,16 @@ def _put(group: h5py.Group, name: str, step: int, steps: int, rows: np.ndarray) 
 
 def _exactly(steps: Iterable[Fields], count: int) -> Iterator[Fields]:
     """The steps, one by one; ValueError unless there are `count`, all with the same fields."""
-    names, given = None, 0
+    names, written = None, 0
     for fields in islice(steps, count + 1):
         names = names or fields.keys()
         if fields.keys() != names:
             raise ValueError(f"fields {sorted(names ^ fields.keys())} are not there at all times: give them at each")
-        given += 1
-        if given <= count:
+        written += 1
+        if written <= count:
             yield fields
-    if given != count:
-        raise ValueError(f"{given if given < count else 'more'} states for {count} times: give one for each")
+    if written != count:
+        raise ValueError(f"{written if written < count else 'more'} states for {count} times: give one for each")
 
 
 def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:

@@ -60,9 +60,9 @@ def state(scene: Scene, state: State, colour: str | ArrayLike = "displacement", 
     Raises:
         ValueError: If the scene is in 1D, the state is not of one lane, or the colour is unknown or of another shape.
     """
-    figure, axes, drawn, half = _begun(scene, state, y)
+    figure, axes, shown, half = _start_of(scene, state, y)
     label, values = _values(scene, state, colour)
-    boxes = _boxes(axes, _corners(scene, state, drawn, half), values[drawn])
+    boxes = _boxes(axes, _corners(scene, state, shown, half), values[shown])
     figure.colorbar(boxes, ax=axes, label=label)
     return figure
 
@@ -98,10 +98,10 @@ def animate(
     if not states:
         raise ValueError("the run has no snapshots: give solve(..., snapshots=times), or states")
     titles = [f"{time:.3g} s" for time in run.times] if isinstance(run, Result) else [""] * len(states)
-    figure, axes, drawn, half = _begun(scene, states[0], y)
+    figure, axes, shown, half = _start_of(scene, states[0], y)
     label, _ = _values(scene, states[0], colour)
-    fields = [_values(scene, each, colour)[1][drawn] for each in states]
-    corners = [_corners(scene, each, drawn, half) for each in states]
+    fields = [_values(scene, moment, colour)[1][shown] for moment in states]
+    corners = [_corners(scene, moment, shown, half) for moment in states]
     boxes = _boxes(axes, corners[0], fields[0])
     boxes.set_clim(min(map(np.min, fields)), max(map(np.max, fields)))
     points = np.concatenate(corners).reshape(-1, 2)
@@ -117,7 +117,7 @@ def animate(
     return FuncAnimation(figure, show, frames=len(states), interval=interval)
 
 
-def _begun(scene: Scene, state: State, y: float | None) -> tuple[Figure, Axes, np.ndarray, float]:
+def _start_of(scene: Scene, state: State, y: float | None) -> tuple[Figure, Axes, np.ndarray, float]:
     """Figure and axes, the particles (n,) to draw, and half the edge of their boxes (m)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -127,12 +127,12 @@ def _begun(scene: Scene, state: State, y: float | None) -> tuple[Figure, Axes, n
     if d == 1:
         raise ValueError("a scene in 1D has no picture: plot its arrays against diagnostics.position")
     half = float(np.median(np.asarray(scene.particles.volume)) ** (1 / d)) / 2
-    drawn = np.arange(start.shape[1])
+    shown = np.arange(start.shape[1])
     if d == 3:
         middle = float(start[1].min() + start[1].max()) / 2 if y is None else y
         check.finite("y", middle, "m")
         nearest = start[1, np.argmin(np.abs(start[1] - middle))]
-        drawn = np.flatnonzero(np.abs(start[1] - nearest) < half)
+        shown = np.flatnonzero(np.abs(start[1] - nearest) < half)
     elif y is not None:
         raise ValueError(f"y = {y:g} m of a scene in 2D: leave it out")
     width, height = np.ptp(start[0]) + 2 * half, np.ptp(start[-1]) + 2 * half
@@ -140,7 +140,7 @@ def _begun(scene: Scene, state: State, y: float | None) -> tuple[Figure, Axes, n
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set(xlabel="x (m)", ylabel="z (m)", aspect="equal")
-    return figure, axes, drawn, half
+    return figure, axes, shown, half
 
 
 def _values(scene: Scene, state: State, colour: str | ArrayLike) -> tuple[str, np.ndarray]:
@@ -149,21 +149,23 @@ def _values(scene: Scene, state: State, colour: str | ArrayLike) -> tuple[str, n
     if not isinstance(colour, str):
         check.require(np.shape(colour) == shape, f"colour has shape {np.shape(colour)}: give {shape}, one per particle")
         return "", np.asarray(colour)
-    known = declared(scene.material)
+    numbers = declared(scene.material)
     if colour in QUANTITIES:
         label, function = QUANTITIES[colour]
         return label, np.asarray(function(scene, state))
     if colour == "plastic_strain" and np.shape(state.history) == shape:
         return "plastic shear strain", np.asarray(state.history)
-    if colour not in known:
-        raise ValueError(f"colour = {colour!r}: give one of {[*QUANTITIES, 'plastic_strain', *known]}, or values (N,)")
-    unit = known[colour].parameter.unit
-    return f"{colour} ({unit})" if unit else colour, np.broadcast_to(np.asarray(known[colour].value), shape)
+    if colour not in numbers:
+        raise ValueError(
+            f"colour = {colour!r}: give one of {[*QUANTITIES, 'plastic_strain', *numbers]}, or values (N,)"
+        )
+    unit = numbers[colour].parameter.unit
+    return f"{colour} ({unit})" if unit else colour, np.broadcast_to(np.asarray(numbers[colour].value), shape)
 
 
-def _corners(scene: Scene, state: State, drawn: np.ndarray, half: float) -> np.ndarray:
+def _corners(scene: Scene, state: State, shown: np.ndarray, half: float) -> np.ndarray:
     """Corners (n, 4, 2) m of the particles' boxes."""
-    x, *_, z = np.asarray(diagnostics.position(scene, state))[:, drawn]
+    x, *_, z = np.asarray(diagnostics.position(scene, state))[:, shown]
     corner = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     return np.stack([x, z], axis=1)[:, None] + corner
 

@@ -211,13 +211,13 @@ class FreeField:
         low: column at the low end, a scene one cell wide with tied sides, on nodes at the heights of the section's.
             Gravity, motion, body force and numerical choices come from the section.
         high: column at the high end, likewise.
-        held: (2, nz, d) force in N on the nodes of both planes that replaces the walls that held the section at rest.
+        reaction: (2, nz, d) force in N on the nodes of both planes, in place of the walls that held it at rest.
         planes: numbers of the planes of nodes along x at which the section ends; static.
     """
 
     low: Scene
     high: Scene
-    held: Array
+    reaction: Array
     planes: tuple[int, int] = static()
 
 

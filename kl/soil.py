@@ -95,15 +95,15 @@ def nataf_matrix(matrix: ArrayLike | Sequence[Sequence[float]], marginals: tuple
         ValueError: If the matrix has another shape, or the marginals cannot have a correlation.
     """
     count = len(marginals)
-    wanted = np.asarray(matrix, np.float64)
+    target = np.asarray(matrix, np.float64)
     require(
-        wanted.shape == (count, count),
-        f"correlation matrix of shape {wanted.shape} for {count} marginals: give ({count}, {count})",
+        target.shape == (count, count),
+        f"correlation matrix of shape {target.shape} for {count} marginals: give ({count}, {count})",
     )
     gaussian = np.eye(count)
     for i in range(count):
         for j in range(i):
-            gaussian[i, j] = gaussian[j, i] = float(nataf_correlation(marginals[i], marginals[j], wanted[i, j]))
+            gaussian[i, j] = gaussian[j, i] = float(nataf_correlation(marginals[i], marginals[j], target[i, j]))
     return gaussian
 
 
@@ -173,7 +173,8 @@ def in_strata(elevation: Array, interfaces: Sequence[Parameter], fields: Sequenc
             `elevation`, or an elevation is not finite.
     """
     finite("elevation", elevation)
-    for name, values in [("field", each) for each in fields] + [("interface", each) for each in interfaces]:
+    named = [("field", values) for values in fields] + [("interface", values) for values in interfaces]
+    for name, values in named:
         require(
             jnp.shape(values)[-1:] in ((), jnp.shape(elevation)[-1:]),
             f"{name} of shape {jnp.shape(values)} for an elevation of {jnp.shape(elevation)}: give the same points",

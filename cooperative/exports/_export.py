@@ -63,7 +63,7 @@ def export(
             folder has no finished sample.
         OSError: the disk refuses.
     """
-    asked, kinds = kinds or (), kinds or USUAL_EXPORTS
+    named, kinds = kinds or (), kinds or USUAL_EXPORTS
     if wrong := [kind for kind in kinds if kind not in EXPORTS]:
         raise ValueError(f"{wrong[0]!r} is no kind of export: give one of {', '.join(EXPORTS)}")
     store = read_store(folder)
@@ -79,10 +79,10 @@ def export(
     if "table" in kinds:
         yield write_table(store, ground=ground, estimator=estimator)
     if {"maps", *IN_PLAN, "netcdf"} & {*kinds}:
-        known = asked or known_summary(store, rows, estimator) is not None
-        results = read_results(folder, estimator) if known and ("netcdf" in kinds or ground.hazard) else None
+        answered = named or known_summary(store, rows, estimator) is not None
+        results = read_results(folder, estimator) if answered and ("netcdf" in kinds or ground.hazard) else None
         maps = None if results is None else maps_of(results)
-        _check_maps(ground, maps, asked)
+        _check_maps(ground, maps, named)
         if maps is not None:
             yield from _of_maps(ground, store, maps, kinds)
         if "netcdf" in kinds and results is not None:
@@ -97,22 +97,22 @@ def export(
                 try:
                     soil = soils.get((grid, number)) or _soil_of(models, grid, sample)
                 except ValueError as error:
-                    if asked:
+                    if named:
                         raise
                     warnings.warn(f"no particles of sample {number} on the {grid} grid: {error}", stacklevel=2)
                 else:
                     yield _series_of_fields(store, grid, ground.grids[grid].position, sample, soil)
 
 
-def _check_maps(ground: StoredGround, maps: Maps | None, asked: Sequence[str]) -> None:
+def _check_maps(ground: StoredGround, maps: Maps | None, named: Sequence[str]) -> None:
     """Raise ValueError where maps are asked for that the campaign does not have."""
-    if not {"maps", *IN_PLAN} & {*asked}:
+    if not {"maps", *IN_PLAN} & {*named}:
         return
     if ground.hazard is None:
         raise ValueError("the campaign has no hazard maps to export: give [hazard] in the scene of another")
     if maps is None:
         raise ValueError("the campaign has no hazard maps to export yet: no refined run has slid to its end")
-    if (wrong := [kind for kind in asked if kind in IN_PLAN]) and ground.dimension != 3:
+    if (wrong := [kind for kind in named if kind in IN_PLAN]) and ground.dimension != 3:
         raise ValueError(
             f"a section has no map in plan to export as {wrong[0]}: give maps, whose hazard.csv is along x"
         )

@@ -83,10 +83,10 @@ def _contours(maps: Maps, values: np.ndarray, unit: str) -> Iterator[tuple[float
     if min(values.shape) < 2 or not np.isfinite(values).any():
         return
     x, y = map(middle, maps.edges)
-    drawn = contour_generator(x, y, np.ma.masked_invalid(values.T))
+    generator = contour_generator(x, y, np.ma.masked_invalid(values.T))
     top = float(np.nanmax(values))
     for height in CONTOURS if unit == "-" else [top * tenth / 10 for tenth in TENTHS]:
-        lines = [np.asarray(line) for line in drawn.lines(height)]
+        lines = [np.asarray(line) for line in generator.lines(height)]
         if lines:
             yield float(height), lines
 

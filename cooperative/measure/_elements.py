@@ -157,17 +157,17 @@ def quantity(text: object) -> tuple[Intensity, float]:
     Raises:
         Invalid: a number without a unit, an unknown unit, or a number that is below 0 or not finite.
     """
-    known = ", ".join(UNITS)
+    names = ", ".join(UNITS)
     words = text.split() if isinstance(text, str) else []
     if len(words) != 2 or words[1] not in UNITS:
         lacks = "has no unit" if isinstance(text, int | float) or len(words) == 1 else "is no number and unit"
-        raise Invalid((), repr(text), lacks, f'give one of {known}, as in "0.5 m" or "2 m/s"')
+        raise Invalid((), repr(text), lacks, f'give one of {names}, as in "0.5 m" or "2 m/s"')
     try:
         number = float(words[0])
     except ValueError:
         number = np.nan
     if not 0 <= number < np.inf:
-        raise Invalid((), repr(text), "", f"give a finite number of 0 or more, and one of {known}")
+        raise Invalid((), repr(text), "", f"give a finite number of 0 or more, and one of {names}")
     of, size = UNITS[words[1]]
     return of, number * size
 

@@ -175,11 +175,11 @@ def _banded(
 ) -> None:
     """A curve in the band of its interval, whose ends are thin lines, to be seen in black and white too."""
     at, value, low, high = curve
-    drawn = "steps-post" if steps else "default"
+    drawstyle = "steps-post" if steps else "default"
     ax.fill_between(at, low, high, step="post" if steps else None, color=colour, alpha=0.2, lw=0)
-    ax.plot(at, value, style, color=colour, lw=2, marker=marker, ms=4, drawstyle=drawn, label=name)
+    ax.plot(at, value, style, color=colour, lw=2, marker=marker, ms=4, drawstyle=drawstyle, label=name)
     for limit in (low, high):
-        ax.plot(at, limit, "-", color=colour, lw=0.6, drawstyle=drawn)
+        ax.plot(at, limit, "-", color=colour, lw=0.6, drawstyle=drawstyle)
 
 
 def plan_maps(maps: Maps, *, toe: float | None) -> Figure:

@@ -72,7 +72,8 @@ def _hazards(results: Results, maps: Maps | None, labels: Mapping[str, str], cut
     """Figures of how likely a slide does how much."""
     summary, pf = results.summary, results.summary.probability
     # A curve of one step, as of slides that are all as deep as the ground, shows no more than P_f.
-    curves = {name: each for name, each in summary.consequences.exceedance.items() if len({*each.probability[:-1]}) > 1}
+    exceedances = summary.consequences.exceedance.items()
+    curves = {name: steps for name, steps in exceedances if len({*steps.probability[:-1]}) > 1}
     if curves:
         yield Drawn(
             "exceedance",
@@ -152,14 +153,14 @@ def _numbers(results: Results, labels: Mapping[str, str], cut: str) -> Iterator[
             charts.severity(summary.modes.severity, labels),
         )
     for group, fits in sentences.distinct(results).items():
-        mine = results.slid & (results.weight > 0)
-        mine &= (columns["mode"] == group) if group != "all" else True
+        slides = results.slid & (results.weight > 0)
+        slides &= (columns["mode"] == group) if group != "all" else True
         if fits:
             yield Drawn(
                 f"fits-{group}",
-                f"Distribution of the consequences of {group} failures ({mine.sum()} runs), with the three best fits."
+                f"Distribution of the consequences of {group} failures ({slides.sum()} runs), with the three best fits."
                 f"{cut}",
-                charts.fitted({name: columns[name][mine] for name in fits}, results.weight[mine], fits, labels),
+                charts.fitted({name: columns[name][slides] for name in fits}, results.weight[slides], fits, labels),
             )
 
 
@@ -176,15 +177,15 @@ def _displacements(results: Results) -> dict[str, np.ndarray]:
 
 def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | None) -> Iterator[Drawn]:
     """Pictures of chosen samples."""
-    store, ground, wanted = results.store, results.ground, results.soils(slides)
+    store, ground, chosen = results.store, results.ground, results.soils(slides)
     grid, numbers = results.drawn(slides)
-    soils: Mapping[tuple[str, int], runs.SampleSoil] = runs.read_drawn(store.folder, wanted)
+    soils: Mapping[tuple[str, int], runs.SampleSoil] = runs.read_drawn(store.folder, chosen)
     samples = {number: read_sample(store, grid, number) for number in numbers}
     model = None
-    if again or len(soils) < len(wanted):
+    if again or len(soils) < len(chosen):
         # The random soil of these samples is not stored, or they run again.
         models = models_of(campaign_of(store, estimator))
-        soils = {of: soils.get(of) or runs.soil_of(models[of[0]], samples[of[1]].coefficients) for of in wanted}
+        soils = {of: soils.get(of) or runs.soil_of(models[of[0]], samples[of[1]].coefficients) for of in chosen}
         model = runs.build(models[grid].campaign, grid, models[grid].soil) if again else None
     for number in numbers[:slides]:
         sample, soil = samples[number], soils[grid, number]
@@ -206,7 +207,7 @@ def stored_moments(sample: Sample, soil: runs.SampleSoil) -> runs.Frames:
     if "displacement" not in sample.fields:
         return runs.Frames()
     frames = runs.Frames.of(sample.fields)
-    earlier = (each.astype(np.float32) for each in frames.displacement)
+    earlier = (displacement.astype(np.float32) for displacement in frames.displacement)
     end = sample.steps * soil.time_step
     return runs.Frames((*frames.times, end), (*earlier, sample.fields["displacement"]))
 

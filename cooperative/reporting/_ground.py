@@ -87,8 +87,8 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
     """A page that turns: the ground by its layers, and one random field on every grid, the first."""
     campaign = models["refined"].campaign
     name = next(iter(campaign.random))
-    drawn = plots.quantity(name)
-    field = {grid: each[name] / drawn.size for grid, each in values.items()}
+    scale = plots.quantity(name)
+    field = {grid: by_name[name] / scale.size for grid, by_name in values.items()}
     low, high = plots.ends(field.values())
     bodies = {"layers": _layered(models["refined"])}
     for grid, model in models.items():
@@ -97,9 +97,9 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
         rock = np.isnan(seen)
         soil = interactive.mesh(
             body.corners, body.faces[~rock], of_faces=seen[~rock], cmin=low, cmax=high, colorscale="Cividis",
-            colorbar={"title": {"text": drawn.unit}},
+            colorbar={"title": {"text": scale.unit}},
         )  # fmt: skip
-        bodies[f"{drawn.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
+        bodies[f"{scale.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
     figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
     text = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
     parts = [page.heading(campaign.name, 1), interactive.html(figure, "ground"), page.paragraph(text)]
@@ -180,7 +180,7 @@ def _between(line: np.ndarray, step: float) -> np.ndarray:
 
 def _names(campaign: Campaign) -> list[str]:
     """Of the layers."""
-    return [each.name + (" (rock)" if each.rock else "") for each in campaign.site.layers] or ["soil"]
+    return [layer.name + (" (rock)" if layer.rock else "") for layer in campaign.site.layers] or ["soil"]
 
 
 def _holds(model: GridModel) -> dict[tuple[int, str], str]:
@@ -208,11 +208,11 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
     measured, and mean and deviation over samples by their coefficients (samples, modes).
     """
     stored, fine = ground_of(models), models["refined"]
-    planes = {grid: plots.plane_at(each, stored.middle) for grid, each in stored.grids.items()}
-    sections = {grid: plots.section_of(each, planes[grid]) for grid, each in stored.grids.items()}
+    planes = {grid: plots.plane_at(grid_stored, stored.middle) for grid, grid_stored in stored.grids.items()}
+    sections = {grid: plots.section_of(grid_stored, planes[grid]) for grid, grid_stored in stored.grids.items()}
     mapped = fine.campaign.dimension == 3
     name = next(iter(fine.campaign.random))
-    drawn, measured = plots.quantity(name), measured_of(fine.campaign, name)
+    scale, measured = plots.quantity(name), measured_of(fine.campaign, name)
     rows = 1 + len(models) + mapped
     shown_profiles = profiles.profiles(fine, planes["refined"])
     count = rows + 2 * (measured is not None)
@@ -221,42 +221,46 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
     if mapped:
         _map(figure, axes[0], fine, stored.middle)
     _layers(axes[int(mapped)], fine, planes["refined"], sections["refined"], stored.middle)
-    for each in shown_profiles:
+    for profile in shown_profiles:
         axes[int(mapped)].vlines(
-            each.x, each.elevation - each.depth.max(), each.elevation, color=profiles.COLOURS[each.station], lw=2
+            profile.x,
+            profile.elevation - profile.depth.max(),
+            profile.elevation,
+            color=profiles.COLOURS[profile.station],
+            lw=2,
         )
     if measured is not None:
         axes[0].plot(*measured[:, :2].T, ".", color="k", ms=2, label="measured")
-        moments = [each[planes["refined"]] / drawn.size for each in conditioned(fine, name, coefficients)]
-        _moments(figure, axes[rows:], sections["refined"], moments, drawn, None if mapped else measured)
-    shown_values = {grid: each[name][planes[grid]] / drawn.size for grid, each in values.items()}
+        moments = [each[planes["refined"]] / scale.size for each in conditioned(fine, name, coefficients)]
+        _moments(figure, axes[rows:], sections["refined"], moments, scale, None if mapped else measured)
+    shown_values = {grid: each[name][planes[grid]] / scale.size for grid, each in values.items()}
     norm = Normalize(*plots.ends(shown_values.values()))
     shown = list(axes[1 + mapped : rows])
     for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
         boxes = plots.draw_particles(ax, position, half, shown_values[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles, one sample", loc="left")
-    figure.colorbar(boxes, ax=shown, label=drawn.label)
+    figure.colorbar(boxes, ax=shown, label=scale.label)
     return figure
 
 
 def _moments(
     figure: Figure, axes: Sequence[Axes], section: plots.Section, moments: Sequence[np.ndarray],
-    drawn: plots.Quantity, measured: np.ndarray | None,
+    scale: plots.Quantity, measured: np.ndarray | None,
 ) -> None:  # fmt: skip
     """Mean and deviation (N,) of a conditioned field in a section, with the values measured (n, 3) in their colours."""
     position, half = section
     for ax, values, word in zip(axes, moments, ("mean", "standard deviation"), strict=True):
-        known = [values[np.isfinite(values)]]
+        finite = [values[np.isfinite(values)]]
         if word == "mean" and measured is not None:
-            known.append(measured[:, -1] / drawn.size)
-        norm = Normalize(min(each.min() for each in known), max(each.max() for each in known))
+            finite.append(measured[:, -1] / scale.size)
+        norm = Normalize(min(part.min() for part in finite), max(part.max() for part in finite))
         boxes = plots.draw_particles(ax, position, half, values, "cividis", norm)
         if measured is not None:
             x, z, value = measured.T
-            inner = norm(value / drawn.size) if word == "mean" else np.zeros(value.size)
+            inner = norm(value / scale.size) if word == "mean" else np.zeros(value.size)
             ax.scatter(x, z, 8, colormaps["cividis"](inner), edgecolors="w", linewidths=0.3)
         ax.set_title(f"{word} over samples", loc="left")
-        figure.colorbar(boxes, ax=ax, label=f"[{drawn.unit}]")
+        figure.colorbar(boxes, ax=ax, label=f"[{scale.unit}]")
 
 
 def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Section, middle: float) -> None:
@@ -275,8 +279,8 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
     if table is not None:
         handles += ax.plot(x, table, color=WATER, lw=1.5, label="water")
     hold = [_holds(model).get((0, side), "no") for side in ("low", "high")]
-    for end, held in zip(ends, hold, strict=True):
-        ax.axvline(end, color="k", lw=1.5, ls="--" if held == "roller" else "-")
+    for end, kind in zip(ends, hold, strict=True):
+        ax.axvline(end, color="k", lw=1.5, ls="--" if kind == "roller" else "-")
     ax.plot(x, floor(campaign.site.shape, *(x, np.full(x.size, middle))[: campaign.dimension - 1]), color="k", lw=2)
     if campaign.dimension == 2:
         shape = campaign.site.shape
@@ -284,7 +288,7 @@ def _layers(ax: Axes, model: GridModel, plane: np.ndarray, section: plots.Sectio
             x = np.linspace(min(element.corners)[0], max(element.corners)[0], 100)
             ax.plot(x, shape.heights(x), color=EXPOSED, lw=4, marker="v", markevery=[50])
             _name(ax, element.name, (x[50], shape.heights(x)[50]))
-    walls = ", ".join(f"{held} wall at x = {end:g} m" for end, held in zip(ends, hold, strict=True))
+    walls = ", ".join(f"{kind} wall at x = {end:g} m" for end, kind in zip(ends, hold, strict=True))
     ax.set_title(f"{walls}, {_contact(campaign.site.shape)}", loc="left")
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1, 1), fontsize="small", frameon=False)
 

@@ -152,9 +152,9 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     x, y = ((edges[1:] + edges[:-1]) / 2 for edges in maps.edges)
     for number, (_, unit, values, top) in enumerate(shown):
         here, hover = _panel(number, ACROSS), "x %{x:.4g} m, y %{y:.4g} m: %{z:.3g} " + unit.strip("-")
-        drawn = values.T.astype(np.float32)
+        heights = values.T.astype(np.float32)
         colours = {"zmin": 0.0, "zmax": top, "colorscale": "Cividis", "showscale": False}
-        figure.add_heatmap(x=x, y=y, z=drawn, hovertemplate=f"{hover}<extra></extra>", **colours, **here)
+        figure.add_heatmap(x=x, y=y, z=heights, hovertemplate=f"{hover}<extra></extra>", **colours, **here)
         _label(figure, "x [m]", "y [m]", here)
     if toe is not None:
         figure.add_vline(toe, line=LIMIT | {"color": "white"})
@@ -231,7 +231,7 @@ def mesh(
     *,
     of_corners: np.ndarray | None = None,
     of_faces: np.ndarray | None = None,
-    **look: object,
+    **options: object,
 ) -> Mesh3d:
     """Faces between corners, two triangles each, coloured by a value of each corner or face.
 
@@ -240,7 +240,7 @@ def mesh(
         faces: numbers of their corners (m, 4).
         of_corners: values (n,).
         of_faces: values (m,).
-        **look: other options of Plotly's mesh.
+        **options: other options of Plotly's mesh.
     """
     from plotly.graph_objects import Mesh3d
 
@@ -248,11 +248,11 @@ def mesh(
     x, y, z = corners[used].T.astype(np.float32)
     i, j, k = numbers.reshape(-1, 4)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3).T
     if of_corners is not None:
-        look["intensity"] = of_corners[used].astype(np.float32)
+        options["intensity"] = of_corners[used].astype(np.float32)
     if of_faces is not None:
-        look |= {"intensity": np.repeat(of_faces, 2).astype(np.float32), "intensitymode": "cell"}
+        options |= {"intensity": np.repeat(of_faces, 2).astype(np.float32), "intensitymode": "cell"}
     light = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.05}
-    return Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting=light, **look)
+    return Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting=light, **options)
 
 
 def scene(meshes: Sequence[Mesh3d | Scatter3d], **how: object) -> Figure:
@@ -315,35 +315,35 @@ def turning(body: Moving) -> Figure:
     return figure
 
 
-def figures(drawn: Iterable[Drawn]) -> str:
+def figures(parts: Iterable[Drawn]) -> str:
     """Figures as HTML, narrow ones beside each other where there is room; nothing for none.
 
     Args:
-        drawn: the figures.
+        parts: the figures.
     """
-    shown = "\n".join(map(figure, drawn))
+    shown = "\n".join(map(figure, parts))
     return f'<div class="figures">\n{shown}\n</div>' if shown else ""
 
 
-def figure(drawn: Drawn) -> str:
+def figure(part: Drawn) -> str:
     """A figure as matplotlib draws it; where Plotly is installed and the browser runs scripts, its interactive form."""
-    shown = _inlined(drawn)
-    if drawn.interactive is not None and installed():
-        shown = f"{html(drawn.interactive(), drawn.name)}\n<noscript>{shown}</noscript>"
-    wide = " wide" if drawn.figure.get_figwidth() > WIDE else ""
+    shown = _inlined(part)
+    if part.interactive is not None and installed():
+        shown = f"{html(part.interactive(), part.name)}\n<noscript>{shown}</noscript>"
+    wide = " wide" if part.figure.get_figwidth() > WIDE else ""
     return (
-        f'<figure class="drawn{wide}" aria-labelledby="of-{drawn.name}">\n{shown}\n'
-        f'<figcaption id="of-{drawn.name}">{escape(drawn.caption)}</figcaption>\n</figure>'
+        f'<figure class="drawn{wide}" aria-labelledby="of-{part.name}">\n{shown}\n'
+        f'<figcaption id="of-{part.name}">{escape(part.caption)}</figcaption>\n</figure>'
     )
 
 
-def _inlined(drawn: Drawn) -> str:
+def _inlined(part: Drawn) -> str:
     """A figure as an SVG element, whose ids no other element of the page has."""
     file = io.BytesIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": drawn.name}):
-        drawn.figure.savefig(file, format="svg", dpi=DPI, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": part.name}):
+        part.figure.savefig(file, format="svg", dpi=DPI, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     drawing = file.getvalue().decode()
     # Its style sheet would apply to all elements of the page; the page's own has what it needs.
     drawing = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", drawing[drawing.find("<svg") :], flags=re.S)
-    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{drawn.name}-", drawing)
-    return drawing.replace("<svg ", f'<svg role="img" aria-labelledby="of-{drawn.name}" ', 1)
+    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{part.name}-", drawing)
+    return drawing.replace("<svg ", f'<svg role="img" aria-labelledby="of-{part.name}" ', 1)

@@ -31,17 +31,17 @@ HOW = (
 """For browsers that run scripts."""
 
 
-def page(results: Results, drawn: Sequence[Drawn]) -> str:
+def page(results: Results, figures: Sequence[Drawn]) -> str:
     """The page: what a decision needs, then how it was computed."""
-    return document(results.summary.name, filter(None, _parts(results, drawn)))
+    return document(results.summary.name, filter(None, _parts(results, figures)))
 
 
-def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
-    summary, names = results.summary, {each.name for each in drawn}
-    points = interactive.installed() and any(each.interactive for each in drawn)
+def _parts(results: Results, figures: Sequence[Drawn]) -> Iterator[str]:
+    summary, names = results.summary, {figure.name for figure in figures}
+    points = interactive.installed() and any(figure.interactive for figure in figures)
 
     def shown(*names: str) -> str:
-        return interactive.figures(each for each in drawn if each.name.startswith(names))
+        return interactive.figures(figure for figure in figures if figure.name.startswith(names))
 
     yield heading(summary.name, 1)
     yield from answer(results)
@@ -57,7 +57,7 @@ def _parts(results: Results, drawn: Sequence[Drawn]) -> Iterator[str]:
         yield from risks(summary, summary.consequences.risk)
         yield shown("losses")
     yield heading("What the slides look like" if results.slid.any() else "What the slope looks like")
-    yield from look(results)
+    yield from appearance(results)
     yield shown("slide", "plan", "body", "slope")
     yield heading("How sure, and why")
     yield estimates(summary)
@@ -103,7 +103,7 @@ def answer(results: Results) -> Iterator[str]:
         yield paragraph(note, "note")
 
 
-def look(results: Results) -> Iterator[str]:
+def appearance(results: Results) -> Iterator[str]:
     """What the slides do on average, and which modes they have."""
     summary = results.summary
     interval = f"{summary.probability.level:.0%} interval"
@@ -126,18 +126,18 @@ def further_runs(results: Results) -> Iterator[str]:
     """What further refined runs would bring, and how long they would take."""
     summary = results.summary
     cost, pf = summary.cost, summary.probability
-    left = cost.after_more_runs.samples_left
-    if left == 0:
+    remaining = cost.after_more_runs.samples_left
+    if remaining == 0:
         which = "sample" if cost.coarse_samples is None else "rough sample"
         yield paragraph(f"Every {which} has run on the refined grid: only more {which}s would narrow the interval.")
         return
-    if left is None or cost.after_more_runs.coefficient_of_variation is None:
+    if remaining is None or cost.after_more_runs.coefficient_of_variation is None:
         yield paragraph(sentences.more(summary) or "The runs so far do not show what more of them would bring.")
         return
     # Runs of a wave that is not complete do not count yet.
-    waiting, samples = cost.refined_runs - pf.runs, cost.refined_runs + left
+    waiting, samples = cost.refined_runs - pf.runs, cost.refined_runs + remaining
     seconds = cost.seconds["refined"] / max(cost.refined_runs, 1)
-    counts = [*(count for count in MORE_RUNS if count < left), left]
+    counts = [*(count for count in MORE_RUNS if count < remaining), remaining]
     covs = [after_more_runs(pf.estimate, waiting + count, samples=samples) for count in counts]
     yield table(
         ["more refined runs", "coefficient of variation", "time on one machine, about"],

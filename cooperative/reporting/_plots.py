@@ -97,14 +97,14 @@ def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping
         sections: by grid name.
         fields: grid name -> its values (N,), in SI units or degrees, of the same particles; nan is rock.
     """
-    drawn = quantity(name)
-    shown = {grid: values / drawn.size for grid, values in fields.items()}
+    scale = quantity(name)
+    shown = {grid: values / scale.size for grid, values in fields.items()}
     norm = Normalize(*ends(shown.values()))
     figure, axes = section_panels(next(iter(sections.values()))[0], len(sections))
     for ax, (grid, (position, half)) in zip(axes, sections.items(), strict=True):
         boxes = draw_particles(ax, position, half, shown[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {position.shape[1]:,} particles", loc="left")
-    figure.colorbar(boxes, ax=axes, label=drawn.label)
+    figure.colorbar(boxes, ax=axes, label=scale.label)
     return figure
 
 
@@ -146,11 +146,11 @@ def slide(section: Section, name: str, field: np.ndarray, displacement: np.ndarr
     position, half = section
     magnitude = np.linalg.norm(displacement, axis=1)
     figure, axes = section_panels(position, len(times) + 1)
-    drawn = quantity(name)
-    shown = field / drawn.size
+    scale = quantity(name)
+    shown = field / scale.size
     boxes = draw_particles(axes[0], position, half, shown, "cividis", Normalize(*ends([shown])))
-    axes[0].set_title(f"{'strength' if name == 'strength' else drawn.word} before", loc="left")
-    figure.colorbar(boxes, ax=axes[0], label=f"{drawn.symbol} [{drawn.unit}]", aspect=8)
+    axes[0].set_title(f"{'strength' if name == 'strength' else scale.word} before", loc="left")
+    figure.colorbar(boxes, ax=axes[0], label=f"{scale.symbol} [{scale.unit}]", aspect=8)
     norm = Normalize(0.0, max(float(magnitude.max()), 1e-6))
     for ax, time, step, far in zip(axes[1:], times, displacement, magnitude, strict=True):
         boxes = draw_particles(ax, position, half, far, "viridis", norm, displacement=step[[0, -1]])

@@ -87,20 +87,20 @@ def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
         column = np.flatnonzero(plane & (position[0] == x[at]))
         columns[station] = column[np.argsort(-position[-1, column])]
     certain = {
-        name: np.broadcast_to(np.rad2deg(each.value) if each.parameter.angle else each.value, position.shape[1:])
-        for name, each in declared(model.scene.material).items()
-        if each.parameter.reduced and not each.parameter.at_most
+        name: np.broadcast_to(np.rad2deg(number.value) if number.parameter.angle else number.value, position.shape[1:])
+        for name, number in declared(model.scene.material).items()
+        if number.parameter.reduced and not number.parameter.at_most
     }
     rock = np.zeros(position.shape[1], bool)
     if model.layer is not None:
-        rock = np.array([each.rock for each in model.campaign.site.layers])[model.layer]
+        rock = np.array([layer.rock for layer in model.campaign.site.layers])[model.layer]
     chosen = np.concatenate(list(columns.values()))
-    drawn = _drawn(model, [name for name in certain if name in model.names], chosen)
+    values_of_samples = _drawn(model, [name for name in certain if name in model.names], chosen)
     ends = np.cumsum([column.size for column in columns.values()])[:-1]
     result = []
     for number, (station, column) in enumerate(columns.items()):
         at = found[station]
-        each = {name: np.split(values, ends, axis=1)[number] for name, values in drawn.items()}
+        each = {name: np.split(values, ends, axis=1)[number] for name, values in values_of_samples.items()}
         bare = np.where(rock[column], np.nan, 1.0)
         mean = {name: bare * (each[name].mean(axis=0) if name in each else of[column]) for name, of in certain.items()}
         tails = {name: bare * np.quantile(values, TAILS, axis=0) for name, values in each.items()}
@@ -126,16 +126,16 @@ def draw_profiles(axes: Sequence[Axes], shown: Sequence[Profile]) -> None:
         shown: profiles of the stations.
     """
     for ax, name in zip(axes, shown[0].mean, strict=True):
-        drawn = plots.quantity(name)
-        for each in shown:
-            colour = COLOURS[each.station]
-            label = f"{each.station}, x = {each.x:.4g} m"
-            ax.plot(each.mean[name] / drawn.size, each.depth, color=colour, lw=1.5, label=label)
-            if name in each.tails:
-                ax.fill_betweenx(each.depth, *each.tails[name] / drawn.size, color=colour, alpha=0.2, lw=0)
-        random = any(name in each.tails for each in shown)
+        scale = plots.quantity(name)
+        for profile in shown:
+            colour = COLOURS[profile.station]
+            label = f"{profile.station}, x = {profile.x:.4g} m"
+            ax.plot(profile.mean[name] / scale.size, profile.depth, color=colour, lw=1.5, label=label)
+            if name in profile.tails:
+                ax.fill_betweenx(profile.depth, *profile.tails[name] / scale.size, color=colour, alpha=0.2, lw=0)
+        random = any(name in profile.tails for profile in shown)
         ax.set_title("mean, 5 to 95 %" if random else "mean", loc="left")
-        ax.set(xlabel=drawn.label, ylabel="depth [m]", ylim=(max(each.depth.max() for each in shown), 0.0))
+        ax.set(xlabel=scale.label, ylabel="depth [m]", ylim=(max(profile.depth.max() for profile in shown), 0.0))
         ax.set_xlim(left=0.0)
     for ax in axes[:1]:
         ax.legend(fontsize="x-small", frameon=False)

@@ -104,7 +104,7 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     campaign = campaign_of(store, estimator)
     read = runs.rows_reader(store, runs.samples_of(campaign))
     rows = {grid: read(grid) for grid in campaign.grids}
-    pace = {grid: _pace(each) for grid, each in rows.items()}
+    pace = {grid: _pace(table) for grid, table in rows.items()}
     if not np.isfinite(pace["refined"]):
         pace["refined"] = pace["rough"] * cost_ratio(campaign)
     rough, refined = (rows[grid] for grid in GRIDS)
@@ -123,9 +123,9 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     ]  # fmt: skip
     if campaign.plan.slides:
         # Of how many is known once the audit has ended.
-        drawn, may_grow = slides_of(campaign, phases, refined), phases.why_finished is None
+        slides, may_grow = slides_of(campaign, phases, refined), phases.why_finished is None
         of_slides = _pace(read_rows(store, SLIDES))
-        grids.append(GridProgress(SLIDES, int(drawn.slid.sum()), drawn.planned, may_grow, of_slides))
+        grids.append(GridProgress(SLIDES, int(slides.slid.sum()), slides.planned, may_grow, of_slides))
     # Before the screening is complete it is the share that fails on the rough grid.
     estimate = phases.estimate if rough.numbers else None
     return Progress(campaign.name, *_controller(store), tuple(grids), estimate, mixed_versions(rows))

@@ -31,5 +31,5 @@ def conditioned(model: GridModel, name: str, coefficients: np.ndarray) -> tuple[
         name: of the parameter.
         coefficients: (samples, modes), of which the first are used.
     """
-    each = np.array([soil_of(model, xi).values[name] for xi in coefficients[:DRAWN]])
-    return each.mean(axis=0), each.std(axis=0, ddof=1)
+    samples = np.array([soil_of(model, xi).values[name] for xi in coefficients[:DRAWN]])
+    return samples.mean(axis=0), samples.std(axis=0, ddof=1)

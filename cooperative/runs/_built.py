@@ -82,14 +82,14 @@ def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
 
 def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     """Raise ValueError for what varies and is no parameter of the soil."""
-    known = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
-    known += [RATIO] if "strength" in known else []
-    known += [name for name in CONTACT if getattr(scene.boundary, name.removeprefix("interface_")) is not None]
-    unknown = [name for name in random if name not in known]
+    names = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
+    names += [RATIO] if "strength" in names else []
+    names += [name for name in CONTACT if getattr(scene.boundary, name.removeprefix("interface_")) is not None]
+    unknown = [name for name in random if name not in names]
     if unknown:
         raise ValueError(
             f"random holds {', '.join(unknown)}, which is no parameter of {type(scene.material).__name__}: give some "
-            f"of {', '.join(known)}"
+            f"of {', '.join(names)}"
         )
 
 
@@ -158,9 +158,9 @@ def verify_initial(folder: Path, model: GridModel) -> None:
     campaign, grid = model.campaign, model.grid
     if campaign.site.ends == "free field":
         return  # whose stress is always solved for
-    given = np.asarray(model.state.stress, float)
+    stored = np.asarray(model.state.stress, float)
     solved = np.asarray(jaxmpm.at_rest(model.scene, apic=campaign.grids[grid].apic).stress, float)
-    off = float(np.abs(given - solved).max() / max(np.abs(solved).max(), np.finfo(float).tiny))
+    off = float(np.abs(stored - solved).max() / max(np.abs(solved).max(), np.finfo(float).tiny))
     if off > SAME_STRESS:
         raise ValueError(
             f"{initial_path(folder, grid)} differs from the stress at rest of its scene by {off:.2g} of the largest "

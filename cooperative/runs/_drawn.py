@@ -46,7 +46,7 @@ def soil_of(model: GridModel, coefficients: np.ndarray) -> SampleSoil:
     """
     values = {name: np.asarray(value, float) for name, value in model.parameters(coefficients).items()}
     if model.layer is not None:
-        rock = np.array([each.rock for each in model.campaign.site.layers])[model.layer]
+        rock = np.array([layer.rock for layer in model.campaign.site.layers])[model.layer]
         values = {name: np.where(rock, np.nan, value) for name, value in values.items()}
     return SampleSoil(values, model.time_step(coefficients))
 
@@ -72,24 +72,26 @@ def keep_drawn(folder: Path, drawn: Drawn) -> None:
     hdf5.write_sealed(folder / "drawn.h5", *DRAWN, fill)
 
 
-def read_drawn(folder: Path, wanted: Iterable[tuple[str, int]]) -> Drawn:
+def read_drawn(folder: Path, keys: Iterable[tuple[str, int]]) -> Drawn:
     """The random soil in `drawn.h5` of these samples, by grid and number.
 
     Those that it lacks are left out, all of them where it cannot be trusted.
 
     Args:
         folder: of the campaign.
-        wanted: grid and number of each sample.
+        keys: grid and number of each sample.
     """
     soils: dict[tuple[str, int], SampleSoil] = {}
     try:
         with hdf5.read_sealed(folder / "drawn.h5", *DRAWN) as file:
             there = file.names("/")
-            for grid, number in wanted:
+            for grid, number in keys:
                 if (group := f"{grid}_{number}") in there:
                     values = {name: file.array(group, name, dimensions=1, kinds="f") for name in file.names(group)}
                     step = float(file.scalars(group)["time_step"])
-                    soils[grid, number] = SampleSoil({name: each.astype(float) for name, each in values.items()}, step)
+                    soils[grid, number] = SampleSoil(
+                        {name: value.astype(float) for name, value in values.items()}, step
+                    )
     except (FileNotFoundError, files.DamagedFile):
         return {}
     return soils

@@ -240,7 +240,7 @@ def run_through(
     stop_at: float | None = None,
     slides: bool = False,
     folder: Path | None = None,
-    look: Callable[[], None] = lambda: None,
+    check: Callable[[], None] = lambda: None,
 ) -> Iterator[Sample]:
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
 
@@ -258,7 +258,7 @@ def run_through(
         slides: as for `run_sample`.
         folder: of the campaign, where workers find the initial stress and keep restart points; one that does not see it
             solves for the stress, and keeps none.
-        look: called several times a second, may raise to stop.
+        check: called several times a second, may raise to stop.
 
     Raises:
         BrokenExecutor: three executors in turn do not take a task.
@@ -287,7 +287,7 @@ def run_through(
         pending[future] = number
 
     while True:
-        look()
+        check()
         while len(pending) < places and not broken and (number := next(waiting, None)) is not None:
             submit(number)
         if not pending:
@@ -320,7 +320,7 @@ def run_through(
                 submit(number, campaign)
             else:
                 yield sample
-        look()
+        check()
         if broken:
             # It drops all it held, and does not report whose worker died.
             suspects += pending.values()

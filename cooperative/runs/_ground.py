@@ -208,7 +208,7 @@ def _numerics(model: GridModel) -> str:
 
 
 def rows_reader(
-    store: Store, samples: int | None, ground: StoredGround | None = None, look: Callable[[], None] = lambda: None
+    store: Store, samples: int | None, ground: StoredGround | None = None, check: Callable[[], None] = lambda: None
 ) -> Callable[[str], Rows]:
     """Reads the verified rows of a grid. Runs of samples that the campaign does not have are damaged.
 
@@ -216,9 +216,9 @@ def rows_reader(
         store: the campaign's folder.
         samples: of the first phase, None where only the estimator of a script knows.
         ground: of the campaign; then runs with another number of coefficients are damaged too.
-        look: called before each row.
+        check: called before each row.
     """
-    return partial(read_rows, store, foreign=partial(_foreign, samples, ground), look=look)
+    return partial(read_rows, store, foreign=partial(_foreign, samples, ground), check=check)
 
 
 def _foreign(samples: int | None, ground: StoredGround | None, run: Record) -> str | None:

@@ -90,7 +90,7 @@ class Group:
         The middle of a particle's box that the surface cuts may lie above the ground's highest point, and points of
         other layers beyond a layer's own box.
         """
-        corner, extent = (jnp.asarray(each, points.dtype)[:, None] for each in self.box)
+        corner, extent = (jnp.asarray(bounds, points.dtype)[:, None] for bounds in self.box)
         return jnp.clip(points, corner, corner + extent)
 
 
@@ -130,7 +130,7 @@ class RandomSoil:
             layer: number of the one at which the fields stop, None for those that go through all.
         """
         pairs = jnp.asarray(sample)[: 2 * len(self.uncertain)].reshape(-1, 2)
-        return {name: own for (stops, name, _), own in zip(self.uncertain, pairs, strict=True) if stops == layer}
+        return {name: score for (stops, name, _), score in zip(self.uncertain, pairs, strict=True) if stops == layer}
 
     def marginal(
         self, field: RandomField | float, name: str, sample: jax.Array | np.ndarray, stops: int | None
@@ -182,10 +182,10 @@ class RandomSoil:
         if np.shape(sample) != (self.modes,):
             raise ValueError(f"coefficients of shape {np.shape(sample)}: give ({self.modes},), one for each mode")
         sample = sample[: self.of_fields]
-        mine = [group for group in self.groups if group.layer == layer]
+        groups = [group for group in self.groups if group.layer == layer]
         scores = self.scores(sample, layer)
         drawn = {name: field.drawn(scores[name]) for stops, name, field in self.uncertain if stops == layer}
-        return {name: own for group in mine for name, own in group.coefficients(sample, drawn).items()}
+        return {name: own for group in groups for name, own in group.coefficients(sample, drawn).items()}
 
     def groups_of(self, parameter: str) -> Mapping[int | None, Group]:
         """The groups that a parameter is of, by the layer at which their fields stop."""
@@ -289,10 +289,10 @@ def _group(part: Part, names: tuple[str, ...], correlated: CrossCorrelation | No
     try:
         expansion = _expansion(fields[names[0]], box, count)
         root = None if correlated is None or names != correlated.parameters else correlated.gaussian_root(fields)
-        known = [(name, fields[name]) for name in names if fields[name].boreholes is not None]
-        measured = tuple((name, field, _without_trend(field, depths[name])) for name, field in known)
+        conditioned = [(name, fields[name]) for name in names if fields[name].boreholes is not None]
+        measured = tuple((name, field, _without_trend(field, depths[name])) for name, field in conditioned)
         conditioning = _conditioning(names, measured, expansion, box, root)
-        shifted = measured if any(field.uncertain for _, field in known) else ()
+        shifted = measured if any(field.uncertain for _, field in conditioned) else ()
         return Group(names, expansion, box, root, conditioning, layer, measured=shifted)
     except ValueError as error:
         raise ValueError(f"random {' and '.join(names)}: {error}") from error
@@ -301,13 +301,15 @@ def _group(part: Part, names: tuple[str, ...], correlated: CrossCorrelation | No
 def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion:
     """Of as many modes as hold the field's energy, or of `count` if these hold it but for rounding."""
     expand = partial(kl.expand, field.covariance, *box, bedding=field.strata)
-    own = expand(energy=field.energy)
-    if count is None or count == own.modes:
-        return own
-    counted = expand(modes=count, solver=own.solvers)
-    held = np.cumsum(np.asarray(counted.fractions, float))
-    if held[-1] < field.energy - ROUNDING or (count > 1 and held[-2] > field.energy + ROUNDING):
-        raise ValueError(f"measured are {count} terms where energy = {field.energy:g} takes {own.modes}: {REMEDY}")
+    expansion = expand(energy=field.energy)
+    if count is None or count == expansion.modes:
+        return expansion
+    counted = expand(modes=count, solver=expansion.solvers)
+    energies = np.cumsum(np.asarray(counted.fractions, float))
+    if energies[-1] < field.energy - ROUNDING or (count > 1 and energies[-2] > field.energy + ROUNDING):
+        raise ValueError(
+            f"measured are {count} terms where energy = {field.energy:g} takes {expansion.modes}: {REMEDY}"
+        )
     return counted
 
 
@@ -340,7 +342,7 @@ def _conditioning(
                 f"the borehole value {worst[-1]:g} of {name} at {worst[:-1].tolist()} m lies {far.max():.2g} deviations"
                 f" from the median of {field.distribution}, more than {UNLIKELY:g}: compare units, mean, cov and trend"
             )
-        (corner, extent), at = (np.array(each)[:, None] for each in box), data[:, :-1].T
+        (corner, extent), at = (np.array(side)[:, None] for side in box), data[:, :-1].T
         near = np.clip(at, corner, corner + extent)
         if (outside := (np.abs(near - at) > BESIDE).any(axis=0)).any():
             worst = data[int(np.argmax(outside))]

@@ -78,16 +78,16 @@ def run_samples(
             yield number
 
     def looked(chunk: Chunk) -> None:
-        under_way.look(chunk.busy)
+        under_way.watch(chunk.busy)
         if on_chunk is not None:
             on_chunk(chunk)
 
-    wanted, drawn = tee(until_stopped())
+    drawn_numbers, drawn = tee(until_stopped())
     names = [*model.paths.values()]
     soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(names))
-    varied = {name: map(itemgetter(name), own) for name, own in zip(names, soils, strict=True)}
+    varied = {name: map(itemgetter(name), soil_of_sample) for name, soil_of_sample in zip(names, soils, strict=True)}
     for number, result in solve_each(
-        model.scene, model.state, varied, numbers=wanted, width=width, t_end=run.t_end,
+        model.scene, model.state, varied, numbers=drawn_numbers, width=width, t_end=run.t_end,
         rules=model.campaign.rules(stop_at), slides_end=model.slides_end, on_chunk=looked,
         observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
     ):  # fmt: skip
@@ -147,7 +147,7 @@ class _UnderWay:
         self.lanes[number] = _Lane(*past, time.perf_counter())
         return None if point is None else point.midway
 
-    def look(self, busy: int) -> None:
+    def watch(self, busy: int) -> None:
         """After a chunk, before its lanes are shown; those that ended with the chunk before have been given out."""
         if self.stopping:
             raise Stopped
@@ -159,7 +159,7 @@ class _UnderWay:
         Raises `Stopped` after the last one, if none waits to be given out.
         """
         lane, plan = self.lanes[number], self.model.campaign.plan
-        running, over = (bool(midway.state.status == each) for each in (Status.RUNNING, Status.FINISHED))
+        running, over = (bool(midway.state.status == status) for status in (Status.RUNNING, Status.FINISHED))
         # A refined run that has failed may be asked to slide on from here.
         failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
         # A slide that has not come to rest may be asked to go on later.
@@ -304,7 +304,7 @@ def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
     arrival = np.where(came, float(state.step) * float(result.time_step), arrival)
     arrival = np.where(np.isfinite(arrival), arrival, np.nan)
     values = deposit, np.maximum(thickness, deposit), np.asarray(columns.speed), arrival
-    fields = {name: each.astype(np.float32) for name, each in zip(COLUMNS, values, strict=True)}
+    fields = {name: values_there.astype(np.float32) for name, values_there in zip(COLUMNS, values, strict=True)}
     return fields | {GROUND: _ground_moved(model, np.asarray(state.displacement)).astype(np.float32)}
 
 
@@ -334,11 +334,11 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
     covered, face = columns["column_deposit"] >= passed.least, model.campaign.site.shape.face
     row: dict[str, Scalar] = {"area_columns": float(covered[plan.beyond(face)].sum()) * plan.area}
     for element in model.campaign.elements_at_risk:
-        mine = element.columns(plan)
-        _, thickness, speed, arrival = (columns[name][mine] for name in COLUMNS)
+        columns_there = element.columns(plan)
+        _, thickness, speed, arrival = (columns[name][columns_there] for name in COLUMNS)
         row[f"thickness_at_{element.key}"] = float(thickness.max())
         row[f"speed_at_{element.key}"] = float(speed.max())
-        row[f"ground_at_{element.key}"] = float(columns[GROUND][mine].max())
+        row[f"ground_at_{element.key}"] = float(columns[GROUND][columns_there].max())
         reached = arrival[np.isfinite(arrival)]
         if reached.size:
             row[f"arrival_at_{element.key}"] = float(reached.min())

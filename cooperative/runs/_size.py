@@ -100,13 +100,13 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     for soil, random in zip(soils, [layer.random for layer in site.layers] or [campaign.random], strict=True):
         if _varies_in_steepness(soil.material(np.dtype("float32"), numerics.cell), random):
             _refused_at_the_ends(alone, _steepest(soil, random, site.span))
-    dt, each = float(one.numerics.time_step), math.prod(numerics.spacing)
+    dt, particle_size = float(one.numerics.time_step), math.prod(numerics.spacing)
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
     passes = max(scene.numerics.nonlocal_passes or 0 for scene in scenes)
     return GridSize(
-        particles=ground.volume(shape) / each,
+        particles=ground.volume(shape) / particle_size,
         nodes=math.prod(count + 3.0 for count in cells),
-        points=math.prod(shape.extent) / each,
+        points=math.prod(shape.extent) / particle_size,
         steps=steps,
         passes=passes,
     )
@@ -114,9 +114,9 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
 
 def _varies_in_steepness(law: Material, random: Collection[str]) -> bool:
     """Whether parameters vary of the part that governs how steeply a law softens."""
-    known = declared(law)
+    numbers = declared(law)
     return law.steepest_softening is not None and any(
-        known[name].path.startswith("softening.") for name in random if name in known
+        numbers[name].path.startswith("softening.") for name in random if name in numbers
     )
 
 
@@ -297,9 +297,9 @@ def seconds_per_step(model: GridModel, seconds: float) -> float:
     scene, start = model.median
     state, taken, spent, steps = _steps(scene, start, 1), 0, 0.0, 1
     while spent < seconds:
-        begun = time.perf_counter()
+        first = time.perf_counter()
         after = jax.block_until_ready(_steps(scene, state, steps))
-        spent += time.perf_counter() - begun
+        spent += time.perf_counter() - first
         taken += max(int(after.step) - int(state.step), 1)
         # It starts free of stress, and may break off; then it begins again.
         state = after if int(after.status) == Status.RUNNING else start

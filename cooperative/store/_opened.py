@@ -41,7 +41,7 @@ def open_store(
     source: Source | str,
     *,
     verify: bool = False,
-    look: Callable[[], None] = lambda: None,
+    check: Callable[[], None] = lambda: None,
 ) -> Store:
     """Open the campaign folder for the one controller, made if it is not there.
 
@@ -51,7 +51,7 @@ def open_store(
         folder: of the campaign.
         source: what the campaign is made from, or a scene's text alone.
         verify: read every file of fields and compare it with its checksum.
-        look: called before each such file, may raise to stop.
+        check: called before each such file, may raise to stop.
 
     Raises:
         ValueError: the folder cannot be written, holds something else or a campaign of another scene (naming what
@@ -83,7 +83,7 @@ def open_store(
             connection = sql.connect(path, write=True)
         _write_readme(folder, source)
         store = Store(folder, there or source, lock, connection)
-        _claim_fields(store, look if verify else None)
+        _claim_fields(store, check if verify else None)
         for leftover in (*folder.glob(".*.part"), *folder.glob("figures/.*.part")):
             leftover.unlink(missing_ok=True)
         return store
@@ -105,8 +105,8 @@ def _writable(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def _claim_fields(store: Store, look: Callable[[], None] | None) -> None:
-    """Have the folder of fields hold only files that rows name; with `look` also verify these."""
+def _claim_fields(store: Store, check: Callable[[], None] | None) -> None:
+    """Have the folder of fields hold only files that rows name; with `check` also verify these."""
     folder = files.claimed_folder(store.folder / FIELDS)
     with store.reading() as database:
         rows = database.execute(
@@ -120,10 +120,10 @@ def _claim_fields(store: Store, look: Callable[[], None] | None) -> None:
     for path in made:
         if path not in sums:
             path.unlink()
-    if look is None:
+    if check is None:
         return
     for path, sha256 in sums.items():
-        look()
+        check()
         with suppress(FileNotFoundError):
             try:
                 whole = hashlib.sha256(_runs.read_fields_file(path)).hexdigest() == sha256
@@ -214,7 +214,7 @@ def contents_sum(store: Store) -> str:
     """
     sums = "SELECT sha256 FROM campaign WHERE name <> ? UNION ALL SELECT sha256 FROM run ORDER BY 1"
     with store.reading() as database:
-        return sql.sum_of(*(str(each) for (each,) in database.execute(sums, (sql.SUMMARY,))))
+        return sql.sum_of(*(str(text) for (text,) in database.execute(sums, (sql.SUMMARY,))))
 
 
 def refuse_another(folder: Path, source: Source) -> Source | None:

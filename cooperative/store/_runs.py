@@ -157,7 +157,7 @@ def read_rows(
     grid: str,
     *,
     foreign: Callable[[Record], str | None] = lambda record: None,
-    look: Callable[[], None] = lambda: None,
+    check: Callable[[], None] = lambda: None,
 ) -> Rows:
     """Read every finished sample of one grid.
 
@@ -170,7 +170,7 @@ def read_rows(
         store: the campaign's folder.
         grid: "coarse", "rough", "refined" or "slides".
         foreign: what a whole run holds that the scene does not have; then it is damaged. None if nothing.
-        look: called before each row, may raise to stop.
+        check: called before each row, may raise to stop.
 
     Raises:
         DamagedFile: the database is damaged.
@@ -196,7 +196,7 @@ def read_rows(
             query = f"SELECT * FROM run WHERE {OF_GRID} ORDER BY sample"
             with closing(database.execute(query, (stored, *STORED))) as found:
                 for values in found:
-                    look()
+                    check()
                     row = dict(zip(columns, values, strict=True))
                     try:
                         record = trusted(row)

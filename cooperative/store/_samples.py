@@ -214,14 +214,14 @@ def mixed_versions(grids: Mapping[str, Rows]) -> str:
     made: dict[tuple[tuple[str, str], ...], dict[str, list[int]]] = {}
     for grid, rows in grids.items():
         for number, versions in rows.versions.items():
-            numbers = {name: each for name, each in versions.items() if name in DECIDING}
+            numbers = {name: version for name, version in versions.items() if name in DECIDING}
             made.setdefault(tuple(sorted(numbers.items())), {}).setdefault(grid, []).append(number)
     if len(made) < 2:
         return ""
-    differ = {name for name in DECIDING if len({dict(each).get(name) for each in made}) > 1}
+    differ = {name for name in DECIDING if len({dict(combination).get(name) for combination in made}) > 1}
     parts = []
-    for each, where in made.items():
-        packages = ", ".join(f"{name} {number}" for name, number in each if name in differ)
+    for combination, where in made.items():
+        packages = ", ".join(f"{name} {number}" for name, number in combination if name in differ)
         parts.append(" and ".join(f"{grid} {_ranges(numbers)}" for grid, numbers in where.items()) + f" by {packages}")
     return (
         f"samples were made by several versions, whose rounding differs: {'; '.join(parts)}. Each is whole, and the "

@@ -107,17 +107,17 @@ def check_bounds(where: str, tables: Mapping[str, object]) -> None:
     Raises:
         ValueError: they nest too deeply, or hold more than a scene has.
     """
-    spelled, left = 0, [(0, 0, list[object]([tables]))]
-    while left:
-        depth, prefix, values = left.pop()
+    spelled, waiting = 0, [(0, 0, list[object]([tables]))]
+    while waiting:
+        depth, prefix, values = waiting.pop()
         if depth > DEEPEST:
             raise ValueError(f"{where} nests tables or lists {depth} deep, the limit is {DEEPEST}: write it flat")
         for value in values:
             if isinstance(value, dict):
-                left += [(depth + 1, prefix + len(key) + 1, [each]) for key, each in value.items()]
+                waiting += [(depth + 1, prefix + len(key) + 1, [part]) for key, part in value.items()]
                 spelled += sum(prefix + len(key) + 1 for key in value)
             elif isinstance(value, list):
-                left.append((depth + 1, prefix + INDEX, value))
+                waiting.append((depth + 1, prefix + INDEX, value))
                 spelled += (prefix + INDEX) * len(value)
         if spelled > MOST_SPELLED:
             raise ValueError(
@@ -190,12 +190,12 @@ def source_from(text: str | None, beside: str, where: str) -> Source:
     return source
 
 
-def differences(there: Source, asked: Source, most: int = 5) -> list[str]:
+def differences(there: Source, here: Source, most: int = 5) -> list[str]:
     """What two campaigns have otherwise, in words."""
-    if (there.text is None) != (asked.text is None):
+    if (there.text is None) != (here.text is None):
         kinds = ("a scene", "written in Python")
-        return [f"it is {kinds[there.text is None]} there and {kinds[asked.text is None]} now"]
-    old, new = _flat(there.tables), _flat(asked.completed(there).tables)
+        return [f"it is {kinds[there.text is None]} there and {kinds[here.text is None]} now"]
+    old, new = _flat(there.tables), _flat(here.completed(there).tables)
     lines = [
         f"{short(key)} is {short(old.get(key, 'not set'))} there and {short(new.get(key, 'not set'))} now"
         for key in sorted(old.keys() | new.keys())

@@ -25,15 +25,18 @@ def beyond_ends(scene: Scene, state: State) -> list[tuple[Scene, State]]:
         )
         for column in (scene.free_field.low, scene.free_field.high)
     )
-    return [(column, replace(own, step=state.step)) for column, own in zip(columns, state.free_field, strict=True)]
+    return [
+        (column, replace(column_state, step=state.step))
+        for column, column_state in zip(columns, state.free_field, strict=True)
+    ]
 
 
 def free_field(scene: Scene, state: State, dt: Array) -> Beyond:
     """Action of the free field on the ends in a step of dt (s); see `FreeField`."""
     assert scene.free_field is not None
     sides = [beside(*one, dt, scene.grid.shape[-1]) for one in beyond_ends(scene, state)]
-    velocity, (low, high), impedance = (jnp.stack(each) for each in zip(*sides, strict=True))
-    return Beyond(velocity, scene.free_field.held + jnp.stack([-low, high]), impedance)
+    velocity, (low, high), impedance = (jnp.stack(values) for values in zip(*sides, strict=True))
+    return Beyond(velocity, scene.free_field.reaction + jnp.stack([-low, high]), impedance)
 
 
 def beside(column: Scene, state: State, dt: Array, height: int) -> list[Array]:

@@ -119,13 +119,13 @@ def closed(
     field, lacking = force.reshape(*shape, -1), gap / (1 - gap) if undrained is None else undrained * gap / (1 - gap)
     result, lacking = field, lacking.reshape(shape)
     for ground in _grounds(scene, sticking=True):
-        own, share = ground.of(field), ground.of(lacking)
+        motion, share = ground.of(field), ground.of(lacking)
         if ground.held is not None:
             share = jnp.where(ground.held, share, 0)
         if pressing:
-            share = jnp.where(ground.inward * own[..., ground.axis] < 0, share, 0)
-        along = jnp.arange(own.shape[-1]) != ground.axis
-        lacks, planes = jnp.where(along, share[..., None] * own, 0), shape[ground.axis]
+            share = jnp.where(ground.inward * motion[..., ground.axis] < 0, share, 0)
+        along = jnp.arange(motion.shape[-1]) != ground.axis
+        lacks, planes = jnp.where(along, share[..., None] * motion, 0), shape[ground.axis]
         result = result + ground.padded(lacks, planes) - ground.padded(lacks, planes, ground.inward)
     return result.reshape(force.shape)
 
@@ -142,11 +142,11 @@ def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[Ground]:
     for wall in boundary.walls:
         if wall.hold == "fixed" or (wall.hold == "friction" and not sticking):
             yield Ground(wall.axis, (wall.index, wall.index + 1), 1 if wall.side == "low" else -1)
-    held = boundary.cut
+    on_ground = boundary.cut
     if boundary.base is not None and not sticking:
         on_base = jnp.any(boundary.base.normal != 0, axis=1)
-        held = on_base if held is None else held | on_base
-    if held is not None:
-        upright, field = scene.grid.dimension - 1, held.reshape(scene.grid.shape)
+        on_ground = on_base if on_ground is None else on_ground | on_base
+    if on_ground is not None:
+        upright, field = scene.grid.dimension - 1, on_ground.reshape(scene.grid.shape)
         ground = Ground(upright, (0, field.shape[upright] - 1), 1)
         yield ground._replace(held=ground.of(field) & ~ground.of(field, 1))

@@ -265,7 +265,7 @@ def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Arra
     assert scene.free_field is not None
     assert nodal.beyond is not None
     shape = (*scene.grid.shape, scene.grid.dimension)
-    per_mass, before, field = (each.reshape(shape) for each in (nodal.per_mass, before, acceleration))
+    per_mass, before, field = (values.reshape(shape) for values in (nodal.per_mass, before, acceleration))
     for plane, velocity, traction, impedance in zip(scene.free_field.planes, *nodal.beyond, strict=True):
         rate = per_mass[plane] * impedance
         pull = per_mass[plane] * traction + rate * (velocity - before[plane])

@@ -41,8 +41,8 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
     d = scene.grid.dimension
     if scene.loads.pore_pressure is not None:
         effective, (first, last) = tensors.expand(stress, d), PRESSURE_GOES
-        left = jnp.clip((last - jnp.log(volume / scene.particles.volume)) / (last - first), 0, 1)
-        total = tensors.mean(effective) - left * scene.loads.pore_pressure
+        share = jnp.clip((last - jnp.log(volume / scene.particles.volume)) / (last - first), 0, 1)
+        total = tensors.mean(effective) - share * scene.loads.pore_pressure
         stress = tensors.compress(tensors.with_mean(effective, total), d)
     if scene.numerics.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
@@ -63,13 +63,13 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
     strained = (strained_by_logarithms if scene.numerics.finite_strain else strained_by_rates)(
         scene, state, tensors.entries(gradient), dt, maps
     )
-    given = strained.strain, strained.stress, state.history, dt
+    inputs = strained.strain, strained.stress, state.history, dt
     gap = state.gap
     if gap is not None and scene.numerics.gap_average:
         # As the strain is: otherwise loose sand lies for ever beside sand that bears its weight. Clay loses energy.
         averaged = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
         gap = jnp.where(frictional(scene.material), averaged, gap)
-    stress, history, gap = update_with_gap(scene.material, *given, gap=gap, logarithmic=scene.numerics.finite_strain)
+    stress, history, gap = update_with_gap(scene.material, *inputs, gap=gap, logarithmic=scene.numerics.finite_strain)
     unaveraged = state.unaveraged
     if scene.numerics.nonlocal_passes is not None:
         # The next step's transfers average it: transfers of its own would cost a fifth of a step.

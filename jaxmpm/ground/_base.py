@@ -47,7 +47,7 @@ def check_bedrock(plan: np.ndarray, bedrock: np.ndarray, surface: np.ndarray, ba
     ):
         worst = int(np.argmax(beyond))
         if beyond[worst] > 1e-6 * (1 + abs(bedrock[worst])):
-            at = ", ".join(f"{each:g}" for each in (*plan[:, worst], bedrock[worst]))
+            at = ", ".join(f"{coordinate:g}" for coordinate in (*plan[:, worst], bedrock[worst]))
             raise ValueError(f"bedrock at ({at}) m lies {beyond[worst]:g} m {where}")
 
 
@@ -126,7 +126,7 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     ).ravel()
     volume = volume / (1 - gap) ** 2
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
-    return RigidBase(*(jnp.asarray(each) for each in (vectors, area, np.where(area > 0, volume, 1.0))))
+    return RigidBase(*(jnp.asarray(values) for values in (vectors, area, np.where(area > 0, volume, 1.0))))
 
 
 def normals(heights: Heights, across: list[np.ndarray], step: float) -> np.ndarray:
@@ -148,7 +148,7 @@ def _covered(grid: Grid, heights: Heights, on_base: np.ndarray) -> tuple[np.ndar
         start + grid.cell / 2 + part * (np.arange((n - 2) * SAMPLES) + 0.5)
         for start, n in zip(grid.origin[:-1], grid.shape[:-1], strict=True)
     ]
-    across = [each.ravel() for each in np.meshgrid(*plan, indexing="ij")]
+    across = [axis.ravel() for axis in np.meshgrid(*plan, indexing="ij")]
     upright = normals(heights, across, grid.cell)[-1]
     surface = np.array([*across, heights(*across)])
     patch = part ** len(across)

@@ -52,7 +52,7 @@ def boxes(
         """Share (nx, ny, nz) of each box that lies below a surface."""
         z = (heights(*np.meshgrid(x, y, indexing="ij")) - ground.corner[-1]) / dz
         samples = z.reshape(nx, SAMPLED, ny, SAMPLED).transpose(1, 3, 0, 2).reshape(SAMPLED**2, nx, ny, 1)
-        return np.mean([np.clip(each - np.arange(nz), 0, 1) for each in samples], axis=0)
+        return np.mean([np.clip(sampled - np.arange(nz), 0, 1) for sampled in samples], axis=0)
 
     steps = zip(ground.corner, (nx, ny, nz), discretisation.spacing, strict=True)
     centres = np.meshgrid(*(start + (np.arange(n) + 0.5) * step for start, n, step in steps), indexing="ij")

@@ -72,11 +72,11 @@ class Contact:
         Returns:
             Friction and cohesion (nodes,), by their names in `jaxmpm.setup.WALL_STRENGTH`.
         """
-        known = {name: each.value for name, each in declared(self.scene.material).items()} | dict(values)
+        numbers = {name: entry.value for name, entry in declared(self.scene.material).items()} | dict(values)
         volume = self.scene.particles.volume
 
         def number(name: str) -> Array:
-            return jnp.nan_to_num(jnp.broadcast_to(jnp.asarray(known.get(name, 0.0), volume.dtype), volume.shape))
+            return jnp.nan_to_num(jnp.broadcast_to(jnp.asarray(numbers.get(name, 0.0), volume.dtype), volume.shape))
 
         friction, bond = jnp.tan(number("friction")), number("cohesion") + number("strength")
         maps = Maps(self.scene, self.scene.particles.position)

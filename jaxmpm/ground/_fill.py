@@ -141,7 +141,7 @@ def lattice(
     )
     particles = ordered(particles, grid)
     position = np.asarray(particles.position, float)
-    number, soils = layer_of(ground, layers, position, discretisation), [each.soil for each in layers]
+    number, soils = layer_of(ground, layers, position, discretisation), [layer.soil for layer in layers]
     law, order = law_of_layers([material_on(discretisation, soil) for soil in soils], number)
     mass = weights(soils, number, None if wet is None else wet(position)) / STANDARD_GRAVITY * np.prod(spacing)
     particles = replace(particles, mass=jnp.asarray(mass, particles.mass.dtype))

@@ -63,7 +63,7 @@ def with_free_field(
     assert nodal.force is not None
     traction = free_field(scene, state, scene.numerics.time_step).traction
     net = (nodal.force + nodal.mass * scene.loads.gravity).reshape(*scene.grid.shape, -1)[jnp.asarray(planes)]
-    return replace(scene, free_field=replace(field, held=-net - traction)), state
+    return replace(scene, free_field=replace(field, reaction=-net - traction)), state
 
 
 def check_level(tops: Sequence[Height], outline: Outline, discretisation: Discretisation, names: Sequence[str]) -> None:

@@ -90,14 +90,14 @@ def build_ground(
         ValueError: If the object is no ground, or does not support a load.
     """
     check_ground(ground)
-    given = {name: value for name, value in loads.items() if value is not None}
+    applied = {name: value for name, value in loads.items() if value is not None}
     parameters = inspect.signature(ground.build).parameters
-    if not any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values()):
-        for name in given.keys() - parameters.keys():
+    if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values()):
+        for name in applied.keys() - parameters.keys():
             raise ValueError(
-                f"{name} = {shown(given[name])}, and {type(ground).__name__}.build takes none: leave it out"
+                f"{name} = {shown(applied[name])}, and {type(ground).__name__}.build takes none: leave it out"
             )
-    return ground.build(layers, discretisation, **given)
+    return ground.build(layers, discretisation, **applied)
 
 
 def check_ground(ground: Ground) -> None:

@@ -61,9 +61,9 @@ def check_ends(layers: Sequence[Layer]) -> None:
             f"layers: give them from the top down, all but the last with their bottom, depth or thickness{which}"
         )
     for name, layer in zip(names, layers, strict=True):
-        given = [key for key in ("bottom", "depth", "thickness") if getattr(layer, key) is not None]
-        if len(given) > 1:
-            raise ValueError(f"{name} has both {' and '.join(given)}: give one of them")
+        ends = [key for key in ("bottom", "depth", "thickness") if getattr(layer, key) is not None]
+        if len(ends) > 1:
+            raise ValueError(f"{name} has both {' and '.join(ends)}: give one of them")
         for key in ("depth", "thickness"):
             if getattr(layer, key) is not None:
                 check.positive(f"{key} of {name}", getattr(layer, key), "m")

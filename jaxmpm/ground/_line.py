@@ -134,7 +134,7 @@ def _named(names: Sequence[str], units: Sequence[str | None]) -> dict[str, tuple
         words = re.split(r"[\s_,/]+", name.strip().lower())
         if unit is None and len(words) > 1 and words[-1] in LENGTHS:
             unit = words.pop()
-        axis = next((axis for axis, known in HEADINGS.items() if "_".join(words) in known), None)
+        axis = next((axis for axis, headings in HEADINGS.items() if "_".join(words) in headings), None)
         if axis is None:
             continue
         if axis in found:
@@ -197,21 +197,21 @@ def _layers(lines: Sequence[Any]) -> str:
 
 def _curves(others: Sequence[Any]) -> str:
     """The end of a message: what the drawing has in place of polylines."""
-    blocks = sorted({each.dxf.name for each in others if each.dxftype() == "INSERT"})
-    curves = sorted({each.dxftype().lower() for each in others if each.dxftype() != "INSERT"})
+    blocks = sorted({entity.dxf.name for entity in others if entity.dxftype() == "INSERT"})
+    curves = sorted({entity.dxftype().lower() for entity in others if entity.dxftype() != "INSERT"})
     words = f"; it has the block {', '.join(map(shown, blocks[:8]))}: explode it" if blocks else ""
     return f"{words}; it has a curve ({', '.join(curves)}): turn it into a polyline" if curves else words
 
 
 def _joined(pieces: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Lines (n, 3) of pieces, each joined to the one that begins or ends where it does."""
-    left, lines = list(pieces), []
-    while left:
-        line = left.pop(0)
+    remaining, lines = list(pieces), []
+    while remaining:
+        line = remaining.pop(0)
         while not _closed(line):
             ends = [
                 (k, piece[::turn], front)
-                for k, piece in enumerate(left)
+                for k, piece in enumerate(remaining)
                 for front, at in ((False, line[-1]), (True, line[0]))
                 for turn in (1, -1)
                 if np.linalg.norm(piece[::turn][-1 if front else 0] - at) <= MEETING
@@ -219,7 +219,7 @@ def _joined(pieces: Sequence[np.ndarray]) -> list[np.ndarray]:
             if not ends:
                 break
             k, piece, front = ends[0]
-            del left[k]
+            del remaining[k]
             line = np.concatenate([piece, line[1:]] if front else [line, piece[1:]])
         lines.append(line)
     return lines

@@ -96,8 +96,8 @@ def thicknesses(ground: Ground, layers: Sequence[Layer]) -> list[Thickness]:
     if hasattr(ground, "thicknesses"):
         return ground.thicknesses(layers)
     number, step = _probed(ground, layers)
-    thick = [(number == each).sum(axis=-1).ravel() * step[-1] for each in range(len(layers))]
-    return thicknesses_of(layers, [-np.sum(thick[:each], axis=0) for each in range(len(layers) + 1)])
+    thick = [(number == layer).sum(axis=-1).ravel() * step[-1] for layer in range(len(layers))]
+    return thicknesses_of(layers, [-np.sum(thick[:first], axis=0) for first in range(len(layers) + 1)])
 
 
 def box_of(ground: Ground, layers: Sequence[Layer], number: int) -> Box:

@@ -64,9 +64,9 @@ def thicknesses_of(layers: Sequence[Layer], tops: Sequence[np.ndarray]) -> list[
         One per layer.
     """
     thick = np.array([np.maximum(top - bottom, 0) for top, bottom in pairwise(tops)])
-    if any(check.is_traced(*vars(each.soil).values()) for each in layers):
+    if any(check.is_traced(*vars(layer.soil).values()) for layer in layers):
         return [Thickness(0.0, weak=False)] * len(layers)
-    weight = np.array([float(np.mean(each.soil.unit_weight)) for each in layers])[:, None] * thick
+    weight = np.array([float(np.mean(layer.soil.unit_weight)) for layer in layers])[:, None] * thick
     result = []
     for number, layer in enumerate(layers):
         there = thick[number] > 0
@@ -75,7 +75,9 @@ def thicknesses_of(layers: Sequence[Layer], tops: Sequence[np.ndarray]) -> list[
             continue
         pressure = float(np.median(weight[: number + 1, there].sum(axis=0) - weight[number, there] / 2))
         beside = [
-            _strength(layers[each].soil, pressure) for each in (number - 1, number + 1) if 0 <= each < len(layers)
+            _strength(layers[neighbour].soil, pressure)
+            for neighbour in (number - 1, number + 1)
+            if 0 <= neighbour < len(layers)
         ]
         weak = bool(beside) and _strength(layer.soil, pressure) < WEAK * min(beside)
         rising = np.sort(thick[number, there])

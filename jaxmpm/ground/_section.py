@@ -152,8 +152,8 @@ class Section:
                 "slope falls along x, so give an x between them, or mirror the section"
             )
         span = (left, self.toe) if self.crest is None else (self.crest, self.crest)
-        drawn = points[(points[:, 0] >= span[0]) & (points[:, 0] <= span[1]), 1]
-        height = float(np.r_[drawn, self.heights(np.array(span))].max()) - toe_z
+        heights = points[(points[:, 0] >= span[0]) & (points[:, 0] <= span[1]), 1]
+        height = float(np.r_[heights, self.heights(np.array(span))].max()) - toe_z
         if not height > 0:
             raise ValueError(
                 f"crest = {self.crest:g} m is {height:g} m above the toe at x = {self.toe:g} m: give the x at which "

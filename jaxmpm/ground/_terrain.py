@@ -135,8 +135,8 @@ class Terrain:
     def _whole_layers(self, layers: Sequence[Layer]) -> list[Layer]:
         """Layers with such boundaries."""
         return [
-            replace(each, bottom=self.whole(each.bottom)) if isinstance(each.bottom, Raster) else each
-            for each in layers
+            replace(layer, bottom=self.whole(layer.bottom)) if isinstance(layer.bottom, Raster) else layer
+            for layer in layers
         ]
 
     def check(self) -> None:
@@ -339,13 +339,13 @@ def terrain(
         raise ValueError(
             f"{labels(layers)[empty[0]]} holds no particle between the walls: draw it there, or leave it out"
         )
-    law, order = law_of_layers([material_on(discretisation, each.soil) for each in layers], layer)
+    law, order = law_of_layers([material_on(discretisation, part.soil) for part in layers], layer)
     particles, layer = jax.tree.map(lambda leaf: leaf[..., order], (particles, layer))
     (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
     table = water_raster(shape.whole(water) if isinstance(water, Raster) else water, shape.walls)
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
     density = jnp.asarray(
-        weights([each.soil for each in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
+        weights([part.soil for part in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
     )
     tops = shape.tops(layers, x, y, spacing)
     refuse_thin(x, y, tops, spacing, labels(layers))

@@ -99,9 +99,9 @@ class AnisotropicUndrained(Law):
 
     def history_at_rest(self, history: Mobilisation, stress: Tensor) -> Mobilisation:
         """The deviatoric stress at rest, where the mobilised share is 0."""
-        own = deviator(stress)
+        shearing = deviator(stress)
         kept = CARRIED[_dimension(history)]
-        return history._replace(rest=tuple(jnp.broadcast_to(own[k], history.strain.shape) for k in kept))
+        return history._replace(rest=tuple(jnp.broadcast_to(shearing[k], history.strain.shape) for k in kept))
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Mobilisation, dt: Array | None = None
@@ -123,15 +123,15 @@ class AnisotropicUndrained(Law):
         carried = CARRIED[_dimension(history)]
         rest = placed(zip(carried, history.rest, strict=True))
         before = jnp.minimum(safe_sqrt(history.strain / self.failure_strain), 1)
-        given = _Step(deviator(trial), rest, self, before, 0 if len(carried) == len(CARRIED[1]) else 2)
-        yielding = ~(given.excess(before)[0] >= 1)
-        x = jnp.where(yielding, _root(given), before)
-        share, flow = given.excess(x)
+        step = _Step(deviator(trial), rest, self, before, 0 if len(carried) == len(CARRIED[1]) else 2)
+        yielding = ~(step.excess(before)[0] >= 1)
+        x = jnp.where(yielding, _root(step), before)
+        share, flow = step.excess(x)
         share, pressure = jnp.where(yielding, share, 1.0), mean(trial)
-        left = by_component(
-            lambda s, o: s if absent(s) else o + share * (s - o), given.trial, given.offset(mobilised(x))
+        deviatoric = by_component(
+            lambda s, o: s if absent(s) else o + share * (s - o), step.trial, step.offset(mobilised(x))
         )
-        result = row_by_row(with_mean(left, pressure))
+        result = row_by_row(with_mean(deviatoric, pressure))
         return result, history._replace(strain=history.strain + jnp.where(yielding, flow, 0.0))
 
 
@@ -174,13 +174,13 @@ class _Step(NamedTuple):
         return self.excess(x)[1] / self.law.failure_strain - (x * x - self.before**2)
 
 
-def _root(given: _Step) -> Array:
+def _root(step: _Step) -> Array:
     """Root x of the step's residual, which is above 0 at x before; 1 where it is above 0 there, too.
 
     Newton's steps stay within a bracket, which halves where they would leave it. The derivative is that of the implicit
     equation.
     """
-    fixed = jax.tree.map(lambda leaf: leaf if isinstance(leaf, float | int) else jax.lax.stop_gradient(leaf), given)
+    fixed = jax.tree.map(lambda leaf: leaf if isinstance(leaf, float | int) else jax.lax.stop_gradient(leaf), step)
 
     def narrowed(_: int, bracket: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         low, high, x = bracket
@@ -194,4 +194,4 @@ def _root(given: _Step) -> Array:
     *_, x = jax.lax.fori_loop(0, ROUNDS, narrowed, (low, one, low))
     beyond = fixed.residual(one) > 0
     _, slope = jax.jvp(fixed.residual, (x,), (one,))
-    return jnp.where(beyond, 1.0, x - given.residual(x) / jnp.where(slope == 0, 1, slope))
+    return jnp.where(beyond, 1.0, x - step.residual(x) / jnp.where(slope == 0, 1, slope))

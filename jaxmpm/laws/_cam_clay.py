@@ -94,7 +94,8 @@ class ModifiedCamClay(Law):
         """The vertical and the mean stress at rest, from which p_c follows with the law's own numbers."""
         upright = 0 if absent(stress[5]) else 2  # in 1D the axis is that of gravity
         vertical, middle = (
-            jnp.broadcast_to(jnp.maximum(-each, 0), history.mean.shape) for each in (stress[upright], mean(stress))
+            jnp.broadcast_to(jnp.maximum(-component, 0), history.mean.shape)
+            for component in (stress[upright], mean(stress))
         )
         return history._replace(vertical=vertical, mean=middle)
 
@@ -133,11 +134,11 @@ class ModifiedCamClay(Law):
         p, q = -mean(trial), safe_sqrt(3 * second_invariant(deviator(trial)))
         size, m = self.preconsolidation(history), self.critical_state
         elastic = (q / m) ** 2 + p * (p - size) <= 0
-        given = Ellipse(
+        ellipse = Ellipse(
             *(p / size, q / (m * size), 6 * shear / (bulk * m**2), bulk / size * (self.compression - self.swelling))
         )
         # Soil that does not yield stands in for itself with a stress on its ellipse, so that derivatives stay finite.
-        safe = given._replace(p=jnp.where(elastic, 1.0, given.p), q=jnp.where(elastic, 0.0, given.q))
+        safe = ellipse._replace(p=jnp.where(elastic, 1.0, ellipse.p), q=jnp.where(elastic, 0.0, ellipse.q))
         flow, growth = returned(safe)
         after = jnp.where(elastic, p, size * (safe.p + flow * jnp.exp(growth)) / (1 + 2 * flow))
         scale = jnp.where(elastic, 1.0, 1 / (1 + safe.stiffer * flow))
@@ -162,19 +163,19 @@ class Ellipse(NamedTuple):
     hardening: Array
 
 
-def returned(given: Ellipse) -> tuple[Array, Array]:
+def returned(ellipse: Ellipse) -> tuple[Array, Array]:
     """Plastic multiplier times K, and logarithm of the growth of p_c, of the return to an ellipse.
 
     Newton's method solves both equations together, from the ellipse before. The derivative is that of one more step at
     the solution, which is the derivative of the implicit equations.
 
     Args:
-        given: trial stress and moduli.
+        ellipse: trial stress and moduli.
 
     Returns:
         Multiplier and logarithm (N,).
     """
-    fixed = jax.lax.stop_gradient(given)
+    fixed = jax.lax.stop_gradient(ellipse)
 
     def closer(_: int, at: tuple[Array, Array]) -> tuple[Array, Array]:
         flow, growth = _newton(fixed, *at)
@@ -182,25 +183,25 @@ def returned(given: Ellipse) -> tuple[Array, Array]:
 
     none = jnp.zeros_like(fixed.p)
     flow, growth = jax.lax.fori_loop(0, NEWTON_STEPS, closer, (none, none))
-    return _newton(given, flow, growth, at=fixed)
+    return _newton(ellipse, flow, growth, at=fixed)
 
 
-def _newton(given: Ellipse, flow: Array, growth: Array, at: Ellipse | None = None) -> tuple[Array, Array]:
-    """A step from (flow, growth), with the slopes of `at`, by default of `given`."""
+def _newton(ellipse: Ellipse, flow: Array, growth: Array, at: Ellipse | None = None) -> tuple[Array, Array]:
+    """A step from (flow, growth), with the slopes of `at`, by default of `ellipse`."""
 
-    def residuals(given: Ellipse, flow: Array, growth: Array) -> tuple[Array, Array]:
+    def residuals(ellipse: Ellipse, flow: Array, growth: Array) -> tuple[Array, Array]:
         size, wide = jnp.exp(growth), 1 + 2 * flow
-        p, q = (given.p + flow * size) / wide, given.q / (1 + given.stiffer * flow)
-        return q * q + p * (p - size), growth - flow * (2 * given.p - size) / (given.hardening * wide)
+        p, q = (ellipse.p + flow * size) / wide, ellipse.q / (1 + ellipse.stiffer * flow)
+        return q * q + p * (p - size), growth - flow * (2 * ellipse.p - size) / (ellipse.hardening * wide)
 
-    p0, q0, stiffer, hardening = given if at is None else at
+    p0, q0, stiffer, hardening = ellipse if at is None else at
     size, wide, soft = jnp.exp(growth), 1 + 2 * flow, 1 + stiffer * flow
     p, q = (p0 + flow * size) / wide, q0 / soft
     p_flow, p_growth, over = (size - 2 * p) / wide, flow * size / wide, 2 * p0 - size
     yield_flow = -2 * stiffer * q * q / soft + (2 * p - size) * p_flow
     yield_growth = (2 * p - size) * p_growth - p * size
     hard_flow, hard_growth = -over / (hardening * wide**2), 1 + flow * size / (hardening * wide)
-    off, grown = residuals(given, flow, growth)
+    off, grown = residuals(ellipse, flow, growth)
     determinant = yield_flow * hard_growth - yield_growth * hard_flow
     return (
         flow - (off * hard_growth - grown * yield_growth) / determinant,

@@ -33,14 +33,14 @@ class Path(NamedTuple):
     """Strain of a test, components xx, yy, zz and xz.
 
     Args:
-        given: strain for each unit of the strain that the test prescribes, tension positive.
+        driven: strain for each unit of the strain that the test prescribes, tension positive.
         free: direction of the strain that holds a stress; None for a test without.
-        held: number of the component of stress that stays.
+        kept: number of the component of stress that stays.
     """
 
-    given: tuple[float, float, float, float]
+    driven: tuple[float, float, float, float]
     free: tuple[float, float, float, float] | None = None
-    held: int = 0
+    kept: int = 0
 
 
 PATHS = {
@@ -116,7 +116,7 @@ class ElementTest:
         """
         from matplotlib.figure import Figure  # a second's import, which a run does without
 
-        drawn = Figure(figsize=(10, 3.2), layout="constrained", dpi=DPI)
+        canvas = Figure(figsize=(10, 3.2), layout="constrained", dpi=DPI)
         sheared, oedometer = self.test.startswith("simple shear"), self.test == "oedometer"
         along = self.shear_strain if sheared else self.axial_strain
         acting, name = (self.shear_stress, "shear stress") if sheared else (self.deviatoric, "q")
@@ -130,15 +130,15 @@ class ElementTest:
         )
         if oedometer:
             panels = (*panels[:2], ("vertical stress (kPa)", self.vertical_stress * kilo, of_strain, along))
-        for axes, (x_name, x, y_name, y) in zip(drawn.subplots(1, 3), panels, strict=True):
+        for axes, (x_name, x, y_name, y) in zip(canvas.subplots(1, 3), panels, strict=True):
             axes.plot(np.asarray(x), np.asarray(y))
             axes.set(xlabel=x_name, ylabel=y_name)
             axes.grid(alpha=0.3)
         if oedometer:
             axes.set_xscale("log")
             axes.invert_yaxis()
-        drawn.suptitle(self.test)
-        return drawn
+        canvas.suptitle(self.test)
+        return canvas
 
 
 def element_test(
@@ -199,7 +199,7 @@ def _tested(
     start = jnp.stack([k0.astype(dtype) * vertical, k0.astype(dtype) * vertical, vertical, 0 * one])
     history = law.history_at_rest(law.initial_history(Particles(jnp.stack([one, one]), one, one)), expand(start, 2))
     gap = 0 * one if remembers_gap(law) else None
-    given = jnp.asarray(path.given, dtype)[:, None] * step.astype(dtype) * one
+    driven = jnp.asarray(path.driven, dtype)[:, None] * step.astype(dtype) * one
     free = None if path.free is None else jnp.asarray(path.free, dtype)[:, None] * one
 
     def updated(increment: Array, carry: tuple[Array, History, Array | None]) -> tuple[Tensor, History, Array | None]:
@@ -209,18 +209,18 @@ def _tested(
     def increment_of(carry: tuple[Array, History, Array | None], amount: Array) -> tuple[Array, Array]:
         """Increment of strain, and its part along the free direction."""
         if free is None:
-            return given, amount
+            return driven, amount
         direction = free
 
-        def held(amount: Array) -> Array:
-            return compress(updated(given + amount * direction, carry)[0], 2)[path.held]
+        def stress_kept(amount: Array) -> Array:
+            return compress(updated(driven + amount * direction, carry)[0], 2)[path.kept]
 
         def newton(_: int, amount: Array) -> Array:
-            value, slope = jax.jvp(held, (amount,), (jnp.ones_like(amount),))
-            return amount - (value - start[path.held]) / jnp.where(slope == 0, 1, slope)
+            value, slope = jax.jvp(stress_kept, (amount,), (jnp.ones_like(amount),))
+            return amount - (value - start[path.kept]) / jnp.where(slope == 0, 1, slope)
 
         amount = jax.lax.fori_loop(0, NEWTON_STEPS, newton, amount)
-        return given + amount * direction, amount
+        return driven + amount * direction, amount
 
     def one_step(carry: Any, _: None) -> tuple[Any, Any]:
         state, amount, strain = carry
@@ -229,19 +229,19 @@ def _tested(
         state, strain = (compress(stress, 2), history, gap), strain + increment
         return (state, amount, strain), (strain, state[0], history)
 
-    begun = (start, history, gap), 0 * one, jnp.zeros_like(start)
-    _, (strains, stresses, histories) = jax.lax.scan(one_step, begun, None, length=steps)
+    initial = (start, history, gap), 0 * one, jnp.zeros_like(start)
+    _, (strains, stresses, histories) = jax.lax.scan(one_step, initial, None, length=steps)
 
     def whole(first: Array, rest: Array) -> Array:
         all_of_it = jnp.concatenate([first[None], rest])
         return all_of_it if shape else all_of_it[..., 0]
 
     def six(first: Array, rest: Array) -> Array:
-        known = whole(first, rest)
-        placed = jnp.zeros((len(known), 6, *known.shape[2:]), dtype)
-        return placed.at[:, jnp.asarray(CARRIED[2])].set(known)
+        components = whole(first, rest)
+        placed = jnp.zeros((len(components), 6, *components.shape[2:]), dtype)
+        return placed.at[:, jnp.asarray(CARRIED[2])].set(components)
 
-    return ElementTest(six(begun[2], strains), six(start, stresses), jax.tree.map(whole, history, histories), test)
+    return ElementTest(six(initial[2], strains), six(start, stresses), jax.tree.map(whole, history, histories), test)
 
 
 def _columns(tensors: Array) -> Tensor:

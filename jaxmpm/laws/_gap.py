@@ -64,12 +64,12 @@ def update_with_gap(
     increase, before = stored_in_reverse([3 * mean(strain), mean(stress)])
     grown = increase if logarithmic else jnp.log1p(increase)
     shut = jnp.clip(jnp.minimum(-before / law.bulk, 0) - grown, 0, gap)
-    left = jnp.where(shut > 0, grown + shut, increase)
+    remaining = jnp.where(shut > 0, grown + shut, increase)
     xx, yy, zz, xy, yz, xz = strain
-    more = (left - increase) / 3
+    more = (remaining - increase) / 3
     stress, history = law.update((xx + more, yy + more, zz + more, xy, yz, xz), stress, history, dt)
     after = mean(stress)
-    cut = before + law.bulk * left - after
+    cut = before + law.bulk * remaining - after
     loose = after >= -SHARE * jnp.maximum(cut, 0)
     opened = jnp.maximum(gap + grown - (after - before) / law.bulk, 0)
     return stress, history, jnp.where(loose, opened, gap - shut)

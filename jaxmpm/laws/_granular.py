@@ -101,5 +101,5 @@ class MuI(Law):
         root = safe_sqrt(jnp.where(yielding, total**2 - 4 * product, 1.0))
         y = jnp.where(yielding, 2 * product / jnp.where(yielding, total + root, 1.0), t)
         scale = jnp.where(yielding, y / jnp.where(yielding, t, 1.0), 1.0)
-        left = by_component(lambda s: s if absent(s) else scale * s, deviator(trial))
-        return with_mean(left, -pressure), None
+        reduced = by_component(lambda s: s if absent(s) else scale * s, deviator(trial))
+        return with_mean(reduced, -pressure), None

@@ -78,8 +78,8 @@ def declared(law: object) -> dict[str, Declared]:
     """
     numbers: dict[str, Declared] = {}
     for path, limit, value in check.parameters(law):
-        known = limit if isinstance(limit, Parameter) else Parameter(**vars(limit), name=path)
-        numbers[known.name or path.rpartition(".")[2]] = Declared(path, known, value)
+        parameter = limit if isinstance(limit, Parameter) else Parameter(**vars(limit), name=path)
+        numbers[parameter.name or path.rpartition(".")[2]] = Declared(path, parameter, value)
     return numbers
 
 
@@ -94,11 +94,11 @@ def with_parameters(law: Any, values: Mapping[str, ArrayLike]) -> Any:
     Returns:
         The varied law.
     """
-    own = {path: value for path, value in values.items() if "." not in path}
-    for part in {path.partition(".")[0] for path in values.keys() - own.keys()}:
+    changed = {path: value for path, value in values.items() if "." not in path}
+    for part in {path.partition(".")[0] for path in values.keys() - changed.keys()}:
         inner = {path.partition(".")[2]: value for path, value in values.items() if path.startswith(f"{part}.")}
-        own[part] = with_parameters(getattr(law, part), inner)
-    return replace(law, **own)
+        changed[part] = with_parameters(getattr(law, part), inner)
+    return replace(law, **changed)
 
 
 def has_strength(law: object) -> bool:
@@ -110,7 +110,7 @@ def has_strength(law: object) -> bool:
     Returns:
         Whether it does.
     """
-    return any(each.parameter.reduced for each in declared(law).values())
+    return any(number.parameter.reduced for number in declared(law).values())
 
 
 def with_strength_divided(law: Law, factor: Array) -> Law:
@@ -126,19 +126,19 @@ def with_strength_divided(law: Law, factor: Array) -> Law:
     Raises:
         ValueError: If the law declares no strength.
     """
-    known = declared(law)
-    strength = {name: each.parameter.divided(each.value, factor) for name, each in known.items()
-                if each.parameter.reduced}  # fmt: skip
+    numbers = declared(law)
+    strength = {name: number.parameter.divided(number.value, factor) for name, number in numbers.items()
+                if number.parameter.reduced}  # fmt: skip
     if not strength:
         raise ValueError(
             f"{type(law).__name__} has no strength to divide: declare one in PARAMETERS, as Parameter(reduced=True)"
         )
     lowered = {
-        name: jnp.minimum(each.value, strength[each.parameter.at_most])
-        for name, each in known.items()
-        if name not in strength and each.parameter.at_most in strength
+        name: jnp.minimum(number.value, strength[number.parameter.at_most])
+        for name, number in numbers.items()
+        if name not in strength and number.parameter.at_most in strength
     }
-    return with_parameters(law, {known[name].path: value for name, value in {**strength, **lowered}.items()})
+    return with_parameters(law, {numbers[name].path: value for name, value in {**strength, **lowered}.items()})
 
 
 def hardens(law: object) -> Array | None:
@@ -150,11 +150,11 @@ def hardens(law: object) -> Array | None:
     Returns:
         () bool, None if there is no pair of residual and peak.
     """
-    known = declared(law)
+    numbers = declared(law)
     pairs = [
-        (each.value, known[each.parameter.at_most].value)
-        for each in known.values()
-        if each.parameter.reduced and each.parameter.at_most in known
+        (number.value, numbers[number.parameter.at_most].value)
+        for number in numbers.values()
+        if number.parameter.reduced and number.parameter.at_most in numbers
     ]
     if not pairs:
         return None
@@ -170,9 +170,9 @@ def excesses(law: object) -> dict[str, Array]:
     Returns:
         () excess by name.
     """
-    known = declared(law)
+    numbers = declared(law)
     return {
-        name: jnp.max(each.value - known[each.parameter.at_most].value)
-        for name, each in known.items()
-        if not each.parameter.reduced and each.parameter.at_most in known
+        name: jnp.max(number.value - numbers[number.parameter.at_most].value)
+        for name, number in numbers.items()
+        if not number.parameter.reduced and number.parameter.at_most in numbers
     }

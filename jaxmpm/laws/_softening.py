@@ -186,9 +186,11 @@ class FrictionalSoftening:
 
     def strength(self, cohesion: Array, friction: Array, dilation: Array, g: Array) -> tuple[Array, Array, Array]:
         """Cohesion (Pa), friction and dilation (rad) after the plastic shear strain g, from their peak values."""
-        left = jnp.exp(-3 * g / self.strain) if self.decay is Decay.EXPONENTIAL else jnp.maximum(1 - g / self.strain, 0)
+        share = (
+            jnp.exp(-3 * g / self.strain) if self.decay is Decay.EXPONENTIAL else jnp.maximum(1 - g / self.strain, 0)
+        )
         return (
-            self.cohesion + (cohesion - self.cohesion) * left,
-            self.friction + (friction - self.friction) * left,
-            dilation * left,
+            self.cohesion + (cohesion - self.cohesion) * share,
+            self.friction + (friction - self.friction) * share,
+            dilation * share,
         )

@@ -150,11 +150,11 @@ def _isotropic_jvp(
 def _stored_principal(values: Sequence[Array], axes: Matrix) -> tuple[list[Array], Matrix]:
     """Principal values and those entries of the axes that are arrays, stored before any use."""
     at = [(i, j) for i in range(3) for j in range(3) if not isinstance(axes[i][j], float)]
-    held = stored([*values, *(jnp.asarray(axes[i][j]) for i, j in at)])
+    kept = stored([*values, *(jnp.asarray(axes[i][j]) for i, j in at)])
     axes = [[*row] for row in axes]
-    for (i, j), entry in zip(at, held[3:], strict=True):
+    for (i, j), entry in zip(at, kept[3:], strict=True):
         axes[i][j] = entry
-    return held[:3], axes
+    return kept[:3], axes
 
 
 _ENTRY = {0: (0, 0), 1: (1, 1), 2: (2, 2), 3: (0, 1), 4: (1, 2), 5: (0, 2)}

@@ -51,8 +51,8 @@ class Zoned:
 
     def per_particle(self, values: Sequence[ArrayLike]) -> Array:
         """One value per particle (N,) from one for each zone, a number or (n,)."""
-        each = zip(values, self.counts, strict=True)
-        return jnp.concatenate([jnp.broadcast_to(jnp.asarray(value), (count,)) for value, count in each])
+        pairs = zip(values, self.counts, strict=True)
+        return jnp.concatenate([jnp.broadcast_to(jnp.asarray(value), (count,)) for value, count in pairs])
 
     @property
     def FRICTIONAL(self) -> bool:
@@ -77,10 +77,10 @@ class Zoned:
     @property
     def steepest_softening(self) -> Array | None:
         """Largest loss of strength per unit of plastic shear strain (N,) Pa, 0 without; None if no zone softens."""
-        each = [law.steepest_softening for law in self.laws]
-        if all(steepest is None for steepest in each):
+        slopes = [law.steepest_softening for law in self.laws]
+        if all(steepest is None for steepest in slopes):
             return None
-        return self.per_particle([0.0 if steepest is None else steepest for steepest in each])
+        return self.per_particle([0.0 if steepest is None else steepest for steepest in slopes])
 
     def initial_history(self, particles: Particles) -> History:
         """The histories of all zones as one.
@@ -92,23 +92,23 @@ class Zoned:
             Array (N,) or a pytree of them, 0 in zones without history; a tuple of such, one for each structure, where
             zones have histories of different structures; None if no zone has one.
         """
-        each = [law.initial_history(_of_zone(particles, own)) for law, own in self.zones]
-        kinds = {jax.tree.structure(history): history for history in each if history is not None}
-        return _one([self._filled(each, kind, like) for kind, like in kinds.items()])
+        histories = [law.initial_history(_of_zone(particles, span)) for law, span in self.zones]
+        kinds = {jax.tree.structure(history): history for history in histories if history is not None}
+        return _one([self._filled(histories, kind, like) for kind, like in kinds.items()])
 
-    def _filled(self, each: Sequence[History], kind: PyTreeDef, like: History) -> History:
+    def _filled(self, histories: Sequence[History], kind: PyTreeDef, like: History) -> History:
         """Histories of one structure, 0 in zones whose history has another or that have none."""
         none = jax.tree.map(lambda _: 0.0, like)
-        own = [history if jax.tree.structure(history) == kind else none for history in each]
-        return jax.tree.map(lambda *parts: self.per_particle(parts), *own)
+        filled = [history if jax.tree.structure(history) == kind else none for history in histories]
+        return jax.tree.map(lambda *parts: self.per_particle(parts), *filled)
 
     def history_at_rest(self, history: History, stress: Tensor) -> History:
         """The history as each zone has it that is at rest under a stress (Pa)."""
         if history is None:
             return None
 
-        def at_rest(part: Material, own: slice, before: History) -> History:
-            return part.history_at_rest(before, _of_zone(stress, own))
+        def at_rest(part: Material, span: slice, before: History) -> History:
+            return part.history_at_rest(before, _of_zone(stress, span))
 
         return self._by_zone(history, stress, at_rest)
 
@@ -116,15 +116,15 @@ class Zoned:
         self, history: History, like: Tensor, function: Callable[[Material, slice, History], History]
     ) -> History:
         """The history after a function of the law, the particles and the history of each zone."""
-        structures = [_structure(law, own, like) for law, own in self.zones]
-        kinds = list(dict.fromkeys(each for each in structures if each is not None))
+        structures = [_structure(law, span, like) for law, span in self.zones]
+        kinds = list(dict.fromkeys(known_structure for known_structure in structures if known_structure is not None))
         parts = () if history is None else (history,) if len(kinds) == 1 else history
         after = []
-        for (law, own), structure in zip(self.zones, structures, strict=True):
-            mine, before = None if structure is None else kinds.index(structure), _of_zone(parts, own)
-            new = function(law, own, None if mine is None else before[mine])
-            after.append(tuple(new if i == mine else each for i, each in enumerate(before)))
-        return _one([jax.tree.map(lambda *each: jnp.concatenate(each), *kind) for kind in zip(*after, strict=True)])
+        for (law, span), structure in zip(self.zones, structures, strict=True):
+            index, before = None if structure is None else kinds.index(structure), _of_zone(parts, span)
+            new = function(law, span, None if index is None else before[index])
+            after.append(tuple(new if i == index else value for i, value in enumerate(before)))
+        return _one([jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *kind) for kind in zip(*after, strict=True)])
 
     def reduced(self, factor: Array) -> Zoned:
         """The law with the strength of every zone that has some divided by `factor`; ValueError if none has."""
@@ -174,7 +174,7 @@ def frictional(law: Material) -> bool | Array:
     Returns:
         A bool, or one per particle (N,) where zones differ.
     """
-    kinds = [each.FRICTIONAL for each in laws_of(law)]
+    kinds = [zone.FRICTIONAL for zone in laws_of(law)]
     return law.per_particle(kinds) if isinstance(law, Zoned) and len(set(kinds)) > 1 else kinds[0]
 
 
@@ -197,12 +197,12 @@ def _(
     present = [k for k in range(6) if not (absent(strain[k]) and absent(stress[k]))]
     components, gaps = [], []
 
-    def updated(part: Material, own: slice, before: History) -> History:
-        opened = _of_zone(gap, own)
+    def updated(part: Material, span: slice, before: History) -> History:
+        opened = _of_zone(gap, span)
         after = update_with_gap(
             part,
-            _of_zone(strain, own),
-            _of_zone(stress, own),
+            _of_zone(strain, span),
+            _of_zone(stress, span),
             before,
             dt,
             gap=opened if remembers_gap(part) else None,
@@ -225,10 +225,10 @@ def _(
 def _(law: Zoned) -> dict[str, Declared]:
     zones = [declared(part) for part in law.laws]
     numbers: dict[str, Declared] = {}
-    for name in dict.fromkeys(name for known in zones for name in known):
-        having = [known[name] for known in zones if name in known]
-        value = law.per_particle([known[name].value if name in known else np.nan for known in zones])
-        path = having[0].path if len({each.path for each in having}) == 1 else name
+    for name in dict.fromkeys(name for zone in zones for name in zone):
+        having = [zone[name] for zone in zones if name in zone]
+        value = law.per_particle([zone[name].value if name in zone else np.nan for zone in zones])
+        path = having[0].path if len({number.path for number in having}) == 1 else name
         numbers[name] = Declared(path, having[0].parameter, value)
     return numbers
 
@@ -237,25 +237,25 @@ def _(law: Zoned) -> dict[str, Declared]:
 def _(law: Zoned, values: Mapping[str, ArrayLike]) -> Zoned:
     taken: set[str] = set()
     laws = []
-    for part, own in law.zones:
-        paths = {name: each.path for name, each in declared(part).items()}
-        mine = {name: path for name, path in {**paths, **{path: path for path in paths.values()}}.items()
+    for part, span in law.zones:
+        paths = {name: number.path for name, number in declared(part).items()}
+        varied = {name: path for name, path in {**paths, **{path: path for path in paths.values()}}.items()
                 if name in values}  # fmt: skip
-        taken |= mine.keys()
-        laws.append(with_parameters(part, {path: _of_zone(values[name], own) for name, path in mine.items()}))
+        taken |= varied.keys()
+        laws.append(with_parameters(part, {path: _of_zone(values[name], span) for name, path in varied.items()}))
     if unknown := sorted(values.keys() - taken):
         raise ValueError(f"{unknown} is a parameter of no zone of {_names(law)}: give some of {sorted(declared(law))}")
     return replace(law, laws=tuple(laws))
 
 
-def _of_zone(tree: Tree, own: slice) -> Tree:
+def _of_zone(tree: Tree, span: slice) -> Tree:
     """The particles of a zone in every array whose last axis runs over the particles of the ground."""
-    return jax.tree.map(lambda leaf: leaf[..., own] if np.ndim(leaf) else leaf, tree)
+    return jax.tree.map(lambda leaf: leaf[..., span] if np.ndim(leaf) else leaf, tree)
 
 
-def _structure(law: Material, own: slice, like: Tensor) -> PyTreeDef | None:
+def _structure(law: Material, span: slice, like: Tensor) -> PyTreeDef | None:
     """Structure of the history of a law's own particles, None without, of the dimension and precision of a tensor."""
-    count, dtype = own.stop - own.start, jnp.result_type(like[0])
+    count, dtype = span.stop - span.start, jnp.result_type(like[0])
     dimension = next(d for d in (3, 2, 1) if not any(absent(like[k]) for k in CARRIED[d]))
     values = jax.ShapeDtypeStruct((count,), dtype)
     particles = Particles(jax.ShapeDtypeStruct((dimension, count), dtype), values, values)  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 Tree = TypeVar("Tree")
 
 
-def begun(scene: Scene, state: State) -> State:
+def checked(scene: Scene, state: State) -> State:
     """The state, with status BAD_PARAMETER if it is running and a number of its scene is invalid."""
     good = check.admissible(scene)
     for wrong in (snaps_back(scene.material), hardens(scene.material)):
@@ -52,7 +52,7 @@ def advance(scene: Scene, state: State, steps: int | Array) -> State:
     Returns:
         State.
     """
-    state = begun(scene, state)
+    state = checked(scene, state)
 
     def advanced(old: State) -> State:
         return stepped(scene, old, scene.numerics.time_step)

@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm._step import stepped
-from jaxmpm.run._advance import begun, running
+from jaxmpm.run._advance import checked, running
 from jaxmpm.run._checks import check_state
 from jaxmpm.support import check
 from jaxmpm.tensors import rows
@@ -95,8 +95,8 @@ def _maps_to_nodes(primitive: object, *_: object, **__: object) -> bool:
 def _nodal_bytes(scene: Scene, state: State) -> int:
     """Bytes of what the particles map to the nodes in a step."""
     equations = jax.make_jaxpr(stepped)(scene, state, scene.numerics.time_step).eqns
-    given = [out.aval for e in equations if _maps_to_nodes(e.primitive) for out in e.outvars]
-    return sum(array.size * array.dtype.itemsize for array in given)
+    nodal = [out.aval for e in equations if _maps_to_nodes(e.primitive) for out in e.outvars]
+    return sum(array.size * array.dtype.itemsize for array in nodal)
 
 
 def _levels(steps: int, depth: int) -> tuple[int, ...]:
@@ -169,7 +169,7 @@ def _replayed(
     every: int,
     memory: float,
 ) -> tuple[State, Any]:
-    state = begun(scene, running(state))
+    state = checked(scene, running(state))
     last = None if limit is None else state.step + limit
     plan = checkpoints(scene, state, every, memory - (0 if every == steps else steps // every * _bytes(state)))
 

@@ -317,14 +317,14 @@ def find_kink(displacement: Callable[[np.ndarray], np.ndarray], start: float, re
     Raises:
         ValueError: If there is none.
     """
-    known: dict[float, float] = {}
+    measured: dict[float, float] = {}
 
     def curve(tried: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Factors and displacements of all lanes from the lowest one of this round on."""
-        new = np.array(sorted({round(factor, 6) for factor in tried.tolist()} - known.keys()))
-        known.update(zip(new.tolist(), displacement(new).tolist(), strict=True) if new.size else ())
-        factors = np.array([factor for factor in sorted(known) if factor >= middle * (1 + AROUND[0]) * (1 - 1e-6)])
-        return factors, np.array([known[factor] for factor in factors.tolist()])
+        new = np.array(sorted({round(factor, 6) for factor in tried.tolist()} - measured.keys()))
+        measured.update(zip(new.tolist(), displacement(new).tolist(), strict=True) if new.size else ())
+        factors = np.array([factor for factor in sorted(measured) if factor >= middle * (1 + AROUND[0]) * (1 - 1e-6)])
+        return factors, np.array([measured[factor] for factor in factors.tolist()])
 
     middle = start
     for _ in range(ROUNDS):
@@ -394,23 +394,23 @@ def find_start(
     Raises:
         ValueError: If all lanes stand, or all move.
     """
-    (low, high), known = bracket, np.empty((0, 2))
+    (low, high), measured = bracket, np.empty((0, 2))
     tried = np.geomspace(low, high, batch)
     while tried.size:
-        known = np.concatenate([known, np.stack([tried, displacement(tried)], axis=1)])
-        known = known[np.argsort(known[:, 0])]
-        move = known[:, 1] > moves
+        measured = np.concatenate([measured, np.stack([tried, displacement(tried)], axis=1)])
+        measured = measured[np.argsort(measured[:, 0])]
+        move = measured[:, 1] > moves
         if move.all() or not move.any():
             side, end = ("fails", low) if move.all() else ("stands", high)
             raise ValueError(f"the slope {side} even at R = {end:g}: widen the bracket {bracket}")
         first = int(np.argmax(move))
         if first == 0:
-            above = known[~move, 0].min()
+            above = measured[~move, 0].min()
             raise ValueError(
                 f"the slope fails at R = {low:g} and stands at {above:g}: its displacement does not grow with R; "
                 "give a narrower bracket"
             )
-        low, high = known[first - 1, 0], known[first, 0]
+        low, high = measured[first - 1, 0], measured[first, 0]
         rounds = math.ceil(math.log(high / low) / math.log(COARSE) - 1e-9)
         tried = np.geomspace(low, high, min(batch, rounds - 1) + 2)[1:-1] if rounds > 1 else np.empty(0)
     return math.sqrt(low * high)

@@ -49,11 +49,11 @@ def sensitivity(
         ValueError: If the law has no such number, one is beyond its limit, or as for `replay`.
         FloatingPointError: If the run breaks off.
     """
-    known = declared(scene.material)
-    by_name = {**{each.path: each for each in known.values()}, **known}
-    names = sorted(known if parameters is None else parameters)
+    numbers = declared(scene.material)
+    by_name = {**{number.path: number for number in numbers.values()}, **numbers}
+    names = sorted(numbers if parameters is None else parameters)
     if unknown := sorted(set(names) - by_name.keys()):
-        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {list(known)}")
+        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {list(numbers)}")
     check_scene(scene)
     values = {name: jnp.broadcast_to(by_name[name].value, scene.particles.mass.shape) for name in names}
     paths = tuple(by_name[name].path for name in names)

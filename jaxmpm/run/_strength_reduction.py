@@ -206,7 +206,7 @@ def by_limit_load(
         tried=tuple((factor, metres) for factor, metres, _ in rows),
         kink=round(turn.at, 4),
         sharpness=round(turn.sharpness, 1),
-        volume=next((own for factor, metres, own in rows if factor > turn.at and metres > scale.moves), None),
+        volume=next((slid for factor, metres, slid in rows if factor > turn.at and metres > scale.moves), None),
         local=lowest_local(rows, turn.stands, scale.volume),
     )
 

@@ -54,8 +54,12 @@ def law_of_layers(laws: Sequence[Material], layer: np.ndarray) -> tuple[Material
     for number in np.unique(layer).tolist():
         kinds.setdefault(jax.tree.structure(laws[number]), []).append(number)
     zones = [np.flatnonzero(np.isin(layer, numbers)) for numbers in kinds.values()]
-    each = [_common_law(laws, numbers, layer[zone]) for numbers, zone in zip(kinds.values(), zones, strict=True)]
-    law = each[0] if len(each) == 1 else Zoned(tuple(each), tuple(len(zone) for zone in zones))
+    laws_of_zones = [
+        _common_law(laws, numbers, layer[zone]) for numbers, zone in zip(kinds.values(), zones, strict=True)
+    ]
+    law = (
+        laws_of_zones[0] if len(laws_of_zones) == 1 else Zoned(tuple(laws_of_zones), tuple(len(zone) for zone in zones))
+    )
     return law, np.concatenate(zones)
 
 

@@ -65,11 +65,14 @@ def unit_slip(name: str, value: float, plausible: Plausible | None = None) -> st
     Returns:
         The value with its limit and a question about the unit; None if it is plausible or the parameter is unknown.
     """
-    known = PLAUSIBLE.get(name) if plausible is None else plausible
-    if known is None or not value > 0:
+    plausible_range = PLAUSIBLE.get(name) if plausible is None else plausible
+    if plausible_range is None or not value > 0:
         return None
-    for beyond, limit, question in (("below", known.least, known.below), ("above", known.most, known.above)):
+    for beyond, limit, question in (
+        ("below", plausible_range.least, plausible_range.below),
+        ("above", plausible_range.most, plausible_range.above),
+    ):
         if (value < limit) if beyond == "below" else (value > limit):
-            text, bound = (f"{number:g} {known.unit}".rstrip() for number in (value, limit))
+            text, bound = (f"{number:g} {plausible_range.unit}".rstrip() for number in (value, limit))
             return f"{text}, {beyond} {bound}: {question}"
     return None

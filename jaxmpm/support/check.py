@@ -174,8 +174,8 @@ def within(name: str, value: object, limit: Limit, *, remedy: str = "") -> None:
     if not len(bad := np.argwhere(~np.asarray(limit.holds(array)))):
         return
     where = f" at {bad[0].tolist()} (bad at {len(bad)} of {array.size})" if array.ndim else ""
-    given = f"{name} = {array[tuple(bad[0])]:g} {limit.unit}".rstrip()
-    raise ValueError(f"{given}{where}: give {limit}{remedy}")
+    value_text = f"{name} = {array[tuple(bad[0])]:g} {limit.unit}".rstrip()
+    raise ValueError(f"{value_text}{where}: give {limit}{remedy}")
 
 
 def finite(name: str, value: Values, unit: str = "", *, remedy: str = "") -> None:
@@ -342,10 +342,12 @@ NEIGHBOURS = 3
 
 def _divisor(length: float, count: int) -> str:
     """A length that goes into another about so many times, in digits that are accepted when they are given."""
-    near = sorted(range(max(1, count - NEIGHBOURS), count + NEIGHBOURS + 1), key=lambda each: abs(each - count))
-    for each in near:
-        text = f"{length / each:g}"
-        if math.isclose(each * float(text), length, rel_tol=1e-12):
+    near = sorted(
+        range(max(1, count - NEIGHBOURS), count + NEIGHBOURS + 1), key=lambda near_count: abs(near_count - count)
+    )
+    for near_count in near:
+        text = f"{length / near_count:g}"
+        if math.isclose(near_count * float(text), length, rel_tol=1e-12):
             return text
     return repr(length / count)
 
@@ -363,16 +365,16 @@ def dtype(value: DTypeLike) -> np.dtype:
         ValueError: If it is another type, or float64 while JAX has it disabled.
     """
     try:
-        wanted = np.dtype(value)
+        number_type = np.dtype(value)
     except TypeError as error:
         raise ValueError(f"dtype = {shown(value)}: give float32 or float64") from error
-    if wanted not in (np.dtype("float32"), np.dtype("float64")):
-        raise ValueError(f"dtype = {wanted}: give float32 or float64")
-    if jax.dtypes.canonicalize_dtype(wanted) != wanted:
+    if number_type not in (np.dtype("float32"), np.dtype("float64")):
+        raise ValueError(f"dtype = {number_type}: give float32 or float64")
+    if jax.dtypes.canonicalize_dtype(number_type) != number_type:
         raise ValueError(
             "dtype = float64, but JAX runs in float32: call jax.config.update('jax_enable_x64', True) first"
         )
-    return wanted
+    return number_type
 
 
 def axes(name: str, values: Sequence[float], dimension: int) -> None:

@@ -52,8 +52,8 @@ def pytree(cls: Class) -> Class:
     def flatten_with_keys(value: object) -> tuple[list[tuple[object, object]], tuple[object, ...]]:
         return [(jax.tree_util.GetAttrKey(name), getattr(value, name)) for name in leaves], structure(value)
 
-    def unflatten(known: tuple[Any, ...], children: Iterable[object]) -> object:
-        return cls(**dict(zip(static, known[1:], strict=True)), **dict(zip(leaves, children, strict=True)))
+    def unflatten(aux: tuple[Any, ...], children: Iterable[object]) -> object:
+        return cls(**dict(zip(static, aux[1:], strict=True)), **dict(zip(leaves, children, strict=True)))
 
     for name, better in (("__repr__", shown), ("__eq__", equal)):
         if _generated(vars(cls).get(name)):
@@ -99,10 +99,10 @@ def _text(value: Any, depth: int) -> str:
         kind = value.dtype.name.replace("float", "f").replace("int", "i")
         return f"{kind}[{','.join(map(str, value.shape))}]"
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        inner = (f"{name}={_text(each, depth - 1)}" for name, each in zip(value._fields, value, strict=True))
+        inner = (f"{name}={_text(item, depth - 1)}" for name, item in zip(value._fields, value, strict=True))
         return f"{type(value).__name__}({', '.join(inner)})"
     if isinstance(value, tuple | list):
-        return f"({', '.join(_text(each, depth) for each in value)}{',' * (len(value) == 1)})"
+        return f"({', '.join(_text(item, depth) for item in value)}{',' * (len(value) == 1)})"
     return str(value) if isinstance(value, enum.Enum) else getattr(value, "__name__", None) or repr(value)
 
 
@@ -128,8 +128,8 @@ def equal(value: object, other: object) -> bool:
     """
     if other.__class__ is not value.__class__:
         return NotImplemented
-    (mine, own), (theirs, its) = jax.tree.flatten(value), jax.tree.flatten(other)
-    return own == its and all(map(_same, mine, theirs))  # type: ignore[operator]
+    (leaves, structure), (other_leaves, other_structure) = jax.tree.flatten(value), jax.tree.flatten(other)
+    return structure == other_structure and all(map(_same, leaves, other_leaves))  # type: ignore[operator]
 
 
 def _same(one: Any, other: Any) -> bool:

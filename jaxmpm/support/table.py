@@ -208,15 +208,15 @@ def table_of(path: Path, text: str) -> Table:
         delimiter, numbered = declared[1], numbered[1:]
     comments = [(n, line) for n, line in numbered if line.lstrip().startswith(_COMMENT)]
     skipped = {n for n, _ in comments}
-    given = [(n, line) for n, line in numbered if n not in skipped]
-    if not given:
+    rows = [(n, line) for n, line in numbered if n not in skipped]
+    if not rows:
         return Table(path, (), (), (), (), ())
-    lines = [line for _, line in given]
+    lines = [line for _, line in rows]
     delimiter = delimiter or _delimiter(path, lines)
     cells, ends = _split(path, lines, delimiter)
-    above = [line.lstrip().lstrip("#%/!") for n, line in comments if n < given[0][0]][-1:]
+    above = [line.lstrip().lstrip("#%/!") for n, line in comments if n < rows[0][0]][-1:]
     remark = tuple(_split(path, above, delimiter)[0][0]) if above and above[0].strip() else ()
-    return _arranged(path, cells, [given[end - 1][0] for end in ends], remark, delimiter)
+    return _arranged(path, cells, [rows[end - 1][0] for end in ends], remark, delimiter)
 
 
 def _split(path: Path, lines: Sequence[str], delimiter: str) -> tuple[list[list[str]], list[int]]:

@@ -49,7 +49,7 @@ def printable(text: str) -> str:
     Returns:
         As many characters.
     """
-    return "".join(each if each.isprintable() else "?" for each in text)
+    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def duration(seconds: float) -> str:

@@ -42,7 +42,7 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
             return 0.5 * field + 0.25 * (jnp.roll(field, 1, axis) + jnp.roll(field, -1, axis))
 
         # A loop: XLA would fuse unrolled filters, and each would recompute those before it at three nodes.
-        beyond = [(0, margin if each == axis else 0) for each in range(field.ndim)]
+        beyond = [(0, margin if other_axis == axis else 0) for other_axis in range(field.ndim)]
         field = jax.lax.fori_loop(0, passes, smoothed, jnp.pad(field, beyond) if margin else field)
         field = jax.lax.slice_in_dim(field, 0, grid.shape[axis], axis=axis)
     return field.reshape(nodal.shape)

@@ -195,8 +195,10 @@ def _gather_tangent_expanded(
 def _contract_expanded(
     position: Array, nodal: Array, *blocks: Array, terms: Sequence[Term], rows: int, **statics: object
 ) -> list[Array]:
-    given = jnp.concatenate([jnp.broadcast_to(b, (*batch_shape(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
-    slope = (_slopes(position, nodal, terms=terms, rows=given.shape[-2], **statics) * given[..., :, None, :]).sum(-3)
+    stacked = jnp.concatenate([jnp.broadcast_to(b, (*batch_shape(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
+    slope = (_slopes(position, nodal, terms=terms, rows=stacked.shape[-2], **statics) * stacked[..., :, None, :]).sum(
+        -3
+    )
     if rows:
         return [slope, gather_p.bind(position, nodal, terms=terms, rows=rows, **statics)]
     return [slope, jnp.zeros((*slope.shape[:-2], 0, slope.shape[-1]), slope.dtype)]

@@ -100,8 +100,8 @@ def _layers(
     """
     cells = locate(grid, position)
     base = base_node(grid, cells)
-    wanted = {term.axes for term in terms}
-    order = max((len(axes) for axes in wanted), default=0)
+    sets = {term.axes for term in terms}
+    order = max((len(axes) for axes in sets), default=0)
     nodes = base[:, None] + jnp.arange(WIDTH, dtype=base.dtype)[:, None]
     factors = [
         _derivatives(kernel, a, grid.cell, cells[a] - nodes[a].astype(cells.dtype), order)
@@ -109,7 +109,7 @@ def _layers(
     ]
     for k in range(WIDTH):
         node = nodes[0, k : k + 1]
-        weights = {axes: factors[0][axes.count(0)][k : k + 1] for axes in wanted}
+        weights = {axes: factors[0][axes.count(0)][k : k + 1] for axes in sets}
         for a in range(1, grid.dimension):
             node = _outer(jnp.add, node * grid.shape[a], nodes[a])
             weights = {axes: _outer(jnp.multiply, w, factors[a][axes.count(a)]) for axes, w in weights.items()}

@@ -132,4 +132,4 @@ def _all_from_zero(
 ) -> tuple[AxisModes, ...]:
     """Modes whose axes start at 0. Extents are traced here and static in the modes, so these get an extent of 1 m."""
     axes = zip(covariance, solvers, extent, strict=True)
-    return tuple(replace(axis_modes(each, solver, 0.0, size), extent=1.0) for each, solver, size in axes)
+    return tuple(replace(axis_modes(family, solver, 0.0, size), extent=1.0) for family, solver, size in axes)

@@ -92,7 +92,7 @@ def check_resolves(solver: Solver, covariance: Covariance, before: Covariance, e
     """
     if is_traced(covariance) or is_traced(before):
         return
-    new, old = (float(getattr(getattr(each, "base", each), "length", math.inf)) for each in (covariance, before))
+    new, old = (float(getattr(getattr(family, "base", family), "length", math.inf)) for family in (covariance, before))
     if not new < old:
         return
     remedy = "expand anew, with the shortest length that is to be tried"
@@ -100,7 +100,7 @@ def check_resolves(solver: Solver, covariance: Covariance, before: Covariance, e
         require(new >= extent, f"triangular length = {new} has no closed form below the extent {extent}: {remedy}")
     if isinstance(solver, Nystrom | Legendre) and solver.order is not None:
         order = max(solver.order, min(solver.largest, _least_order(new, extent)))
-        fixed, fine = (_spectrum(solver, each, on_host(covariance), extent) for each in (solver.order, order))
+        fixed, fine = (_spectrum(solver, number, on_host(covariance), extent) for number in (solver.order, order))
         leading = solver.order // 2 + 1
         require(
             float(np.max(np.abs(fine[:leading] - fixed[:leading]))) < UNRESOLVED * fine[0],
@@ -178,8 +178,8 @@ def _resolved_closed_form(
     if isinstance(covariance, Periodic):
         wave: HostArray = 2 * np.pi * np.arange(1, most + 1, dtype=np.float64) / extent
         host = on_host(covariance)
-        held = np.cumsum(np.append(host.spectral_density(np.zeros(1)), 2 * host.spectral_density(wave))) / extent
-        return replace(solver, count=min(2 * int(np.searchsorted(held, 1 - remainder)) + 1, most))
+        energy = np.cumsum(np.append(host.spectral_density(np.zeros(1)), 2 * host.spectral_density(wave))) / extent
+        return replace(solver, count=min(2 * int(np.searchsorted(energy, 1 - remainder)) + 1, most))
     # Eigenvalues fall as 2 L / (l pi^2 k^2): the tail from k on holds 2 L / (l pi^2 k).
     needed = 2 + 2 * extent / (float(covariance.length) * math.pi**2 * max(remainder, 1e-12))
     return replace(solver, count=min(math.ceil(needed), most))

@@ -165,8 +165,8 @@ def fit_field(
     edges = _NUGGETS if nugget is None else np.array([nugget])
     searched, random = grids, np.random.default_rng(seed)
     part = _thinned(model, np.arange(values.size)[:: -(-values.size // _ROUGH[1])])
-    drawn = _lengths_drawn(_posterior(part, grids, edges), grids, random)[0]
-    grids = [_narrowed(grid, row) for grid, row in zip(grids, drawn, strict=True)]
+    lengths_drawn = _lengths_drawn(_posterior(part, grids, edges), grids, random)[0]
+    grids = [_narrowed(grid, row) for grid, row in zip(grids, lengths_drawn, strict=True)]
     draws = _drawn(model, _posterior(model, grids, edges), grids, edges, random)
     lengths = [interval_of(row) for row in draws.lengths]
     names = ["horizontal", "vertical"][-len(lengths) :]

@@ -78,8 +78,8 @@ def cells(
     else:
         middles, widths = nuggets, np.ones(1)
     result = []
-    for each in itertools.product(*lengths):
-        result += _at(correlation, each, middles, widths, design, values)
+    for cell in itertools.product(*lengths):
+        result += _at(correlation, cell, middles, widths, design, values)
     return result
 
 
@@ -121,7 +121,8 @@ def _slopes(correlation: Correlation, lengths: tuple[float, ...]) -> list[HostAr
     slopes = []
     for k in range(len(lengths)):
         up, down = (
-            correlation([each * np.exp(sign * _STEP * (i == k)) for i, each in enumerate(lengths)]) for sign in (1, -1)
+            correlation([length * np.exp(sign * _STEP * (i == k)) for i, length in enumerate(lengths)])
+            for sign in (1, -1)
         )
         slopes.append((up - down) / (2 * _STEP))
     return slopes
@@ -134,15 +135,15 @@ def _log_prior(changes: list[HostArray], shares: HostArray, scaled: HostArray, i
     inverse: (p, p) of X' R^-1 X. free: n - p. The entries are tr(W_i W_j) - tr W_i tr W_j / free with W_i = R_i Q.
     """
     over = [change / shares for change in changes]
-    drawn = [change @ scaled for change in changes]
-    inner = [scaled.T @ each for each in drawn]
-    traces = np.array([np.trace(each) - np.trace(inverse @ part) for each, part in zip(over, inner, strict=True)])
+    changed = [change @ scaled for change in changes]
+    inner = [scaled.T @ matrix for matrix in changed]
+    traces = np.array([np.trace(matrix) - np.trace(inverse @ part) for matrix, part in zip(over, inner, strict=True)])
     size = len(changes)
     information = np.empty((size, size))
     for i, j in itertools.product(range(size), repeat=2):
         information[i, j] = (
             np.einsum("ab,ba->", over[i], over[j])
-            - 2 * np.trace(inverse @ (drawn[i].T @ (drawn[j] / shares[:, None])))
+            - 2 * np.trace(inverse @ (changed[i].T @ (changed[j] / shares[:, None])))
             + np.trace(inverse @ inner[i] @ inverse @ inner[j])
         )
     information -= np.outer(traces, traces) / free

@@ -28,7 +28,7 @@ def predicted(
     Raises:
         ValueError: points of other axes, or depths where the fit has no trend or none where it has one.
     """
-    model, known = fit.model, fit.draws
+    model, posterior = fit.model, fit.draws
     points = np.asarray(points, np.float64)
     require(
         points.ndim == 2 and len(points) == len(model.points),
@@ -39,15 +39,16 @@ def predicted(
     data = model.linear(model.values, model.depth)
     designs = model.design(model.depth, data.size), model.design(depth, points.shape[1])
     made = np.empty((draws, points.shape[1]))
-    for row, k in enumerate(random.choice(known.mean.size, draws)):
-        share, coefficients, lengths = 1 - known.nugget[k], known.coefficients[:, k], known.lengths[:, k].tolist()
+    for row, k in enumerate(random.choice(posterior.mean.size, draws)):
+        share, coefficients = 1 - posterior.nugget[k], posterior.coefficients[:, k]
+        lengths = posterior.lengths[:, k].tolist()
         here = _with_nugget(share * model.between(model.points, model.points, lengths), 1 - share)
         there = _with_nugget(share * model.between(points, points, lengths), 1 - share)
         across = share * model.between(model.points, points, lengths)
         gain = np.linalg.solve(here, across)
         mean = designs[1] @ coefficients + gain.T @ (data - designs[0] @ coefficients)
         root = np.linalg.cholesky(_with_nugget(there - across.T @ gain, 0.0))
-        made[row] = mean + known.scale[k] * (root @ random.standard_normal(mean.size))
+        made[row] = mean + posterior.scale[k] * (root @ random.standard_normal(mean.size))
     return (np.exp(made) if model.marginal is Lognormal else made) * model.grown(depth)
 
 

@@ -169,11 +169,11 @@ def _many(modes: np.ndarray, values: np.ndarray, noise: np.ndarray, epsilon: flo
     largest = float(np.linalg.eigvalsh(modes.T @ modes)[-1])
     _distinguished(modes, float(noise.min() ** 2), (100 * epsilon) ** 2 * largest)
     white = modes / noise[:, None]
-    known, directions = np.linalg.eigh(white.T @ white)
-    known = np.maximum(known, 0)
-    constrained = known > _NOTHING
-    of_scores = (directions / (1 + known)) @ directions.T @ (white / noise[:, None]).T
-    return of_scores @ values, directions[:, constrained], 1 - 1 / np.sqrt(1 + known[constrained]), of_scores
+    eigenvalues, directions = np.linalg.eigh(white.T @ white)
+    eigenvalues = np.maximum(eigenvalues, 0)
+    constrained = eigenvalues > _NOTHING
+    of_scores = (directions / (1 + eigenvalues)) @ directions.T @ (white / noise[:, None]).T
+    return of_scores @ values, directions[:, constrained], 1 - 1 / np.sqrt(1 + eigenvalues[constrained]), of_scores
 
 
 def _distinguished(modes: np.ndarray, least: float, limit: float) -> None:
@@ -198,11 +198,11 @@ def conditioned(conditioning: Conditioning, coefficients: ArrayLike) -> Array:
     Raises:
         ValueError: If the number of coefficients is not M, or one is not finite.
     """
-    given = jnp.asarray(coefficients)
+    vector = jnp.asarray(coefficients)
     modes = conditioning.mean.shape[0]
-    require(given.shape[-1:] == (modes,), f"coefficients of shape {given.shape}: give (..., {modes}), one a mode")
-    finite("coefficients", given)
-    return _conditioned(conditioning, given)
+    require(vector.shape[-1:] == (modes,), f"coefficients of shape {vector.shape}: give (..., {modes}), one a mode")
+    finite("coefficients", vector)
+    return _conditioned(conditioning, vector)
 
 
 @jax.jit

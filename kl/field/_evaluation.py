@@ -47,12 +47,12 @@ def field_on_lattice(
     lattice = lattice_in_box(expansion, axes)
     for covariance, axis in zip(expansion.covariance, lattice, strict=True):
         warn_if_coarse(covariance, axis)
-    given = _batch_checked(expansion, coefficients)
+    batch = _batch_checked(expansion, coefficients)
     if out is None:
-        return lattice_sum(expansion, given, lattice)
-    shape = (*given.shape[:-1], *(axis.shape[0] for axis in lattice))
+        return lattice_sum(expansion, batch, lattice)
+    shape = (*batch.shape[:-1], *(axis.shape[0] for axis in lattice))
     require(out.shape == shape, f"out has shape {out.shape}, the result {shape}: give an array of that shape")
-    return _lattice_sum_into(expansion, given, lattice, out)
+    return _lattice_sum_into(expansion, batch, lattice, out)
 
 
 def lattice_in_box(expansion: Expansion, axes: Sequence[ArrayLike]) -> tuple[Array, ...]:
@@ -83,7 +83,7 @@ def lattice_sum(expansion: Expansion, coefficients: Array, axes: tuple[Array, ..
     factors = [(scaled_functions(modes, x) ** power).T for modes, x in zip(expansion.axes, axes, strict=True)]
     flat = coefficients.reshape(-1, coefficients.shape[-1])
     # One sample at a time: the intermediates then fit in cache.
-    fields = jax.lax.map(lambda own: contracted(coefficient_tensor(expansion, own), factors), flat)
+    fields = jax.lax.map(lambda vector: contracted(coefficient_tensor(expansion, vector), factors), flat)
     return fields.reshape(*coefficients.shape[:-1], *fields.shape[1:])
 
 
@@ -147,14 +147,14 @@ def field_at(expansion: Expansion, coefficients: ArrayLike, points: ArrayLike) -
 
 def points_in_box(expansion: Expansion, points: ArrayLike) -> Array:
     """Points (d, N) in the axes of the expansion's box (m); ValueError if one lies outside it."""
-    given = jnp.asarray(points)
+    inside = jnp.asarray(points)
     dimension = len(expansion.origin)
-    require(given.ndim == 2 and given.shape[0] == dimension, f"points of shape {given.shape}: give ({dimension}, N)")
+    require(inside.ndim == 2 and inside.shape[0] == dimension, f"points of shape {inside.shape}: give ({dimension}, N)")
     if expansion.bedding is not None:
-        given = rotate(expansion.bedding, given)
+        inside = rotate(expansion.bedding, inside)
     for number in range(dimension):
-        _require_inside(expansion, number, given[number])
-    return given
+        _require_inside(expansion, number, inside[number])
+    return inside
 
 
 @partial(jax.jit, static_argnames="power")
@@ -191,13 +191,13 @@ def _in_chunks(function: Callable[[Array], Array], points: Array, size: int) -> 
 
 
 def _batch_checked(expansion: Expansion, coefficients: ArrayLike) -> Array:
-    given = jnp.asarray(coefficients)
+    batch = jnp.asarray(coefficients)
     require(
-        given.ndim in (1, 2) and given.shape[-1] == expansion.modes,
-        f"coefficients of shape {given.shape}: give ({expansion.modes},) or (B, {expansion.modes}), one for each mode",
+        batch.ndim in (1, 2) and batch.shape[-1] == expansion.modes,
+        f"coefficients of shape {batch.shape}: give ({expansion.modes},) or (B, {expansion.modes}), one for each mode",
     )
-    finite("coefficients", given)
-    return given
+    finite("coefficients", batch)
+    return batch
 
 
 def _require_inside(expansion: Expansion, axis: int, x: Array) -> None:

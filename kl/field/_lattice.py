@@ -49,17 +49,17 @@ def exact_lattice(covariance: Sequence[Covariance], axes: Sequence[ArrayLike]) -
     """
     require(len(covariance) == len(axes), f"{len(covariance)} covariances for {len(axes)} axes: give one each")
     roots = []
-    for each, axis in zip(covariance, axes, strict=True):
-        for length in length_leaves(each):
+    for family, axis in zip(covariance, axes, strict=True):
+        for length in length_leaves(family):
             positive("correlation length", length, "m", remedy="`Infinite()` is a field constant along an axis")
         x = np.asarray(axis, np.float64)
         require(x.ndim == 1 and x.size > 0, f"coordinates of shape {x.shape}: give (N,) with N of 1 or more")
         finite("lattice coordinates", x)
-        warn_if_coarse(each, jnp.asarray(axis))
-        shares, vectors = np.linalg.eigh(on_host(each)(np.abs(x[:, None] - x)))
+        warn_if_coarse(family, jnp.asarray(axis))
+        shares, vectors = np.linalg.eigh(on_host(family)(np.abs(x[:, None] - x)))
         require(
             shares[0] > -1e-9 * shares[-1],
-            f"{type(each).__name__} is not positive definite on the lattice (smallest eigenvalue {shares[0]:.2e})",
+            f"{type(family).__name__} is not positive definite on the lattice (smallest eigenvalue {shares[0]:.2e})",
         )
         roots.append(jnp.asarray((vectors * np.sqrt(np.maximum(shares, 0))) @ vectors.T, jnp.result_type(float)))
     return LatticeRoots(tuple(roots))
@@ -78,18 +78,18 @@ def exact_field(lattice: LatticeRoots, noise: ArrayLike) -> Array:
     Raises:
         ValueError: If the noise has another shape or is not finite.
     """
-    given = jnp.asarray(noise)
+    white = jnp.asarray(noise)
     shape = tuple(root.shape[0] for root in lattice.roots)
     require(
-        given.shape[-len(shape) :] == shape and given.ndim <= len(shape) + 1,
-        f"noise of shape {given.shape}: give {shape}, or a batch of it",
+        white.shape[-len(shape) :] == shape and white.ndim <= len(shape) + 1,
+        f"noise of shape {white.shape}: give {shape}, or a batch of it",
     )
-    finite("noise", given)
-    return _exact_field(lattice, given)
+    finite("noise", white)
+    return _exact_field(lattice, white)
 
 
 @jax.jit
 def _exact_field(lattice: LatticeRoots, noise: Array) -> Array:
     shape = tuple(root.shape[0] for root in lattice.roots)
-    fields = jax.lax.map(lambda own: contracted(own, lattice.roots), noise.reshape(-1, *shape))
+    fields = jax.lax.map(lambda vector: contracted(vector, lattice.roots), noise.reshape(-1, *shape))
     return fields.reshape(noise.shape)

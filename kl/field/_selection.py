@@ -66,17 +66,17 @@ def select(fractions: Sequence[ArrayLike], *, energy: float | None, modes: int |
         ValueError: If the spectra have less than `energy` or fewer than `modes`, or more modes than
             LARGEST_NUMBER_OF_MODES are needed.
     """
-    spectra = [np.maximum(np.asarray(each, np.float64), 0) for each in fractions]
-    orders = [np.argsort(-each, kind="stable") for each in spectra]
-    products = _Products([each[order] for each, order in zip(spectra, orders, strict=True)])
+    spectra = [np.maximum(np.asarray(spectrum, np.float64), 0) for spectrum in fractions]
+    orders = [np.argsort(-spectrum, kind="stable") for spectrum in spectra]
+    products = _Products([spectrum[order] for spectrum, order in zip(spectra, orders, strict=True)])
     available = products.energy(np.full(len(products.pairs), len(products.last)))
-    positive = int(np.prod([np.count_nonzero(each) for each in spectra]))
+    positive = int(np.prod([np.count_nonzero(spectrum) for spectrum in spectra]))
     if modes is not None and modes > positive:
         raise ValueError(
             f"modes = {modes} exceeds {positive}, which the axes' solvers give: raise their order or level"
         )
     # The sum of float32 eigenvalues meets the trace only to rounding.
-    wanted = 0.0 if energy is None else min(energy, available)
+    target = 0.0 if energy is None else min(energy, available)
     if energy is not None and energy > available + 1e-5:
         raise ValueError(
             f"energy = {energy} cannot be reached, the solvers hold {available:.6f} of the variance: "
@@ -86,7 +86,7 @@ def select(fractions: Sequence[ArrayLike], *, energy: float | None, modes: int |
     def enough(depths: HostIndex) -> bool:
         if modes is not None:
             return int(depths.sum()) >= modes
-        return products.energy(depths) >= wanted * (1 - 1e-12)
+        return products.energy(depths) >= target * (1 - 1e-12)
 
     low, high = -90.0, 0.0
     for _ in range(40):
@@ -101,7 +101,7 @@ def select(fractions: Sequence[ArrayLike], *, energy: float | None, modes: int |
             f"{LARGEST_NUMBER_OF_MODES}; lower the energy, use a smoother covariance or `exact_lattice`"
         )
     index, values = products.triples(depths)
-    count = modes if modes is not None else int(np.searchsorted(np.cumsum(values), wanted * (1 - 1e-12))) + 1
+    count = modes if modes is not None else int(np.searchsorted(np.cumsum(values), target * (1 - 1e-12))) + 1
     index, values = index[:, :count], values[:count]
     index = index[3 - len(fractions) :]
     return np.stack([order[row] for order, row in zip(orders, index, strict=True)]), values

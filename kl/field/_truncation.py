@@ -166,21 +166,21 @@ def _require_of_field(variance: Array, field: Array) -> None:
 def _pair_errors(expansion: Expansion, axes: tuple[Array, ...]) -> tuple[Array, Array, Array]:
     """Largest and rms error of the covariance over all pairs of lattice points, and the largest after rescaling."""
     shape = tuple(axis.fractions.shape[0] for axis in expansion.axes)
-    held = coefficient_tensor(expansion, _ones(expansion)).reshape(shape)
+    tensor = coefficient_tensor(expansion, _ones(expansion)).reshape(shape)
     target = jnp.ones(())
     variance = lattice_sum(expansion, _ones(expansion), axes, power=2)
     for number in reversed(range(len(axes))):
         values = scaled_functions(expansion.axes[number], axes[number])
         pairs = values[:, :, None] * values[:, None, :]
-        held = jnp.moveaxis(jnp.tensordot(pairs, held, (0, number)), (0, 1), (number, number + 1))
+        tensor = jnp.moveaxis(jnp.tensordot(pairs, tensor, (0, number)), (0, 1), (number, number + 1))
     lags = [axis[:, None] - axis for axis in axes]
     for covariance, lag in zip(expansion.covariance, lags, strict=True):
         target = target[..., None, None] * covariance(lag)
     roots = jnp.sqrt(variance)
     one, other = (jnp.expand_dims(roots, tuple(range(first, 2 * len(axes), 2))) for first in (1, 0))
-    error = held - target
+    error = tensor - target
     return (
         jnp.abs(error).max(),
         jnp.sqrt((error**2).mean()),
-        jnp.abs(held / (one * other) - target).max(),
+        jnp.abs(tensor / (one * other) - target).max(),
     )

@@ -184,10 +184,10 @@ class TruncatedNormal:
         """Property at the scores `gaussian` (..., N)."""
         centre, scale, low, high = self._parent()
         inside = quantiles.normal_mass(low, high)
-        left = finite_everywhere(gaussian) < 0
-        score = ndtri(ndtr(jnp.where(left, low, -high)) + ndtr(jnp.where(left, gaussian, -gaussian)) * inside)
+        below = finite_everywhere(gaussian) < 0
+        score = ndtri(ndtr(jnp.where(below, low, -high)) + ndtr(jnp.where(below, gaussian, -gaussian)) * inside)
         # Rounding at the end of a tail must not leave the bounds.
-        return centre + scale * jnp.clip(jnp.where(left, score, -score), low, high)
+        return centre + scale * jnp.clip(jnp.where(below, score, -score), low, high)
 
     def standardise(self, value: Array) -> Array:
         """Scores of values (..., N) of the property."""

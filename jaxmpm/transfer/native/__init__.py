@@ -99,8 +99,12 @@ def supports(kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
     Returns:
         Whether there is.
     """
-    known = type(kernel) in FUNCTIONS
-    return known and position.dtype in (jnp.float32, jnp.float64) and all(len(term.axes) <= MAX_ORDER for term in terms)
+    supported = type(kernel) in FUNCTIONS
+    return (
+        supported
+        and position.dtype in (jnp.float32, jnp.float64)
+        and all(len(term.axes) <= MAX_ORDER for term in terms)
+    )
 
 
 def scatter(

@@ -130,7 +130,7 @@ def test_a_free_field_replaces_the_walls_and_refuses_a_random_weight():
     ends = SCENE.replace('"tied"', '"free field"').replace("[2.0,", "[6.0,")
     model = model_of(ends, at_rest=True)
     assert [wall.axis for wall in model.scene.boundary.walls] == [1]
-    assert np.abs(model.scene.free_field.held).max() > 1e3
+    assert np.abs(model.scene.free_field.reaction).max() > 1e3
     assert model.state.free_field[0].stress.shape[1] == 2 * 12
     heavy = ends.replace(f"unit_weight = {WEIGHT}\n", "")
     heavy += "[soil.unit_weight]\nmean = 20e3\ncov = 0.05\nlength = [10.0, 2.0]\n"

@@ -157,7 +157,7 @@ def test_a_damaged_or_missing_file_of_fields_is_run_again(tmp_path, whole):
         assert read_rows(store, "rough").numbers == [2]
     looks = []
     with pytest.warns(UserWarning, match=f"{second.name} does not match its checksum: set aside"):
-        store = open_store(folder, SCENE, verify=True, look=lambda: looks.append(1))
+        store = open_store(folder, SCENE, verify=True, check=lambda: looks.append(1))
     with store, pytest.warns(UserWarning, match=f"sample 2 .*lacks its file {second.name}"):
         assert read_rows(store, "rough").numbers == []
     assert looks == [1]

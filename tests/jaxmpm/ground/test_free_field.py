@@ -121,7 +121,7 @@ def test_columns_are_the_ground_at_the_ends():
     assert set(np.asarray(low.material.cohesion).tolist()) == {1e3, 5e3}
     assert set(np.asarray(high.material.cohesion).ravel().tolist()) == {5e3}
     assert [float(one.loads.water.z[0]) for one in (low, high)] == [5, 3]
-    assert not np.any(np.asarray(scene.free_field.held))
+    assert not np.any(np.asarray(scene.free_field.reaction))
     weaker = mpm.reduced(scene, 2.0).free_field
     assert np.allclose(weaker.low.material.cohesion, low.material.cohesion / 2)
     assert [own.displacement.shape[1] for own in state.free_field] == [24, 12]
