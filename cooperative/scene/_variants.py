@@ -14,7 +14,7 @@ from cooperative.scene._files import to_toml
 from cooperative.scene._stored import stored_measured
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._varied import SCENARIO, Varied, base_of, path_of, variants_of
-from cooperative.store import GRIDS, Source, table_of, tables_of
+from cooperative.store import GRIDS, Source, table_of
 
 LENGTHS = ("lx", "ly", "lz")
 BASE, RANKED = "base", "ranked"
@@ -67,12 +67,11 @@ def variants(scene: Source | str | Path) -> list[Variant]:
     base: dict[str, float] = {}
     if strength is not None and "strength" in base_scene:
         base = {"cov": strength.cov, **dict(zip(_axes(dimension), strength.length, strict=True))}
-    elif sweep.keys() - {"k_t"}:
+    elif sweep.of_strength:
         raise ValueError("a sweep varies the field of undrained strength: give the scene a table [strength]")
-    unknown = [name for name in sweep if name not in base and name != "k_t"]
-    if unknown:
+    if unknown := [name for name in sweep.of_strength if name not in base]:
         raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
-    points = [(name, value) for name, values in sweep.items() if name in base for value in values]
+    points = [(name, value) for name, values in sweep.of_strength.items() for value in values]
     by_path = list(variants_of(source.tables))
     same = [(each.parameter, each.value) for each in by_path if each.tables == base_scene or _is_default(each, source)]
     campaigns = [variant(BASE, *(each for each in points if each[1] == base[each[0]]), *same)]
@@ -85,11 +84,11 @@ def variants(scene: Source | str | Path) -> list[Variant]:
     for each in by_path:
         if (each.parameter, each.value) not in same:
             campaigns.append(_by_path(each, source))
-    if "k_t" in sweep:
+    if sweep.k_t is not None:
         # All values of k_t follow from the runs that the largest asks for.
         plan = {k: v for k, v in table_of(base_scene, "campaign").items() if k not in ("refined_runs", "target_cov")}
-        plan |= {"estimator": "published", "k_t": int(max(sweep["k_t"]))}
-        campaigns.append(variant(RANKED, *(("k_t", value) for value in sweep["k_t"]), campaign=plan))
+        plan |= {"estimator": "published", "k_t": max(sweep.k_t)}
+        campaigns.append(variant(RANKED, *(("k_t", value) for value in sweep.k_t), campaign=plan))
     _refuse_alike(campaigns)
     return campaigns
 
@@ -143,15 +142,12 @@ def _axes(dimension: int) -> tuple[str, ...]:
     return LENGTHS if dimension == 3 else ("lx", "lz")
 
 
-def _sweep(tables: Mapping[str, object]) -> dict[str, list[float]]:
-    """The keys of the table `[sweep]` that are no paths, checked as far as they can be without the scene."""
+def _sweep(tables: Mapping[str, object]) -> known.Sweep:
+    """The table `[sweep]`, checked as far as it can be without the scene; ValueError without it or a scenario."""
     table = tables.get("sweep", {})
     if not isinstance(table, dict) or not (table or SCENARIO in tables):
         raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
-    known.read(known.Sweep, table, "sweep")
-    for scenario in tables_of(tables, SCENARIO):
-        known.read(known.Scenario, scenario, SCENARIO)
-    return {name: values for name, values in table.items() if name in known.keys(known.Sweep)}
+    return known.read(known.Sweep, table, "sweep")
 
 
 def with_measured_of_base(part: Variant, folder: Path) -> Source:

@@ -8,6 +8,7 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from pydantic.fields import FieldInfo
 
@@ -241,12 +242,7 @@ def variants_of(scene: Mapping[str, object]) -> Iterator[Varied]:
         ValueError: a path that leads nowhere, to no number, or to the key of another.
     """
     base = base_of(scene)
-    swept = tables.flat(table_of(scene, "sweep"))
-    paths: dict[str, list[float | str]] = {
-        name: values
-        for name, values in swept.items()
-        if name not in tables.keys(tables.Sweep) and isinstance(values, list)
-    }
+    paths: dict[str, Any] = dict(tables.read(tables.Sweep, table_of(scene, "sweep"), "sweep").paths)
     taken: dict[Keys, str] = {}
     for name in paths:
         try:
@@ -266,14 +262,13 @@ def variants_of(scene: Mapping[str, object]) -> Iterator[Varied]:
         for value in values:
             yield _variant(base, name, value, {name: value}, "[sweep]")
     named: set[str] = set()
-    for given in tables_of(scene, SCENARIO):
-        changes = tables.flat(given)
-        name = str(changes.pop("name", ""))
-        if not changes or name in named:
-            fault = "changes nothing: give the keys that it changes" if not changes else "is there twice: name it anew"
-            raise ValueError(f"[[scenario]] {shown(name)} {fault}")
-        named.add(name)
-        yield _variant(base, SCENARIO, name, changes, f"[[scenario]] {shown(name)}:")
+    for scenario in (tables.read(tables.Scenario, table, SCENARIO) for table in tables_of(scene, SCENARIO)):
+        where = f"[[scenario]] {shown(scenario.name)}"
+        if not scenario.paths or scenario.name in named:
+            changes_nothing, twice = "changes nothing: give the keys that it changes", "is there twice: name it anew"
+            raise ValueError(f"{where} {twice if scenario.paths else changes_nothing}")
+        named.add(scenario.name)
+        yield _variant(base, SCENARIO, scenario.name, scenario.paths, f"{where}:")
 
 
 def base_of(scene: Mapping[str, object]) -> dict[str, object]:

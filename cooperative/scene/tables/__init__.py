@@ -12,7 +12,7 @@ from cooperative.scene.tables._run import CFL, Run
 from cooperative.scene.tables._scene import SITES, STORED, Scene
 from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured
-from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep, flat
+from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep
 from cooperative.scene.tables._varying import (
     CONTACT,
     CORRELATIONS,
@@ -74,7 +74,6 @@ __all__ = [
     "Water",
     "check_cross_correlation",
     "first_entry",
-    "flat",
     "keys",
     "parts",
     "read",

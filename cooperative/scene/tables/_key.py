@@ -101,7 +101,7 @@ def table(kind: type[T]) -> type[T]:
         kind: the class.
     """
     words = cleandoc(kind.__doc__ or "")
-    config = ConfigDict(**CONFIG, json_schema_extra={"description": words})
+    config = ConfigDict(**CONFIG, json_schema_extra={"description": words} | getattr(kind, "SCHEMA", {}))
     made: Any = pydantic_dataclass(frozen=True, config=config)(kind)
     if "\nArgs:" not in words:
         explained = "\n".join(f"    {name}: {field.description}" for name, field in keys(made).items())

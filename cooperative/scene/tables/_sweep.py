@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 from annotated_types import Ge
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, Field
 from pydantic import model_validator as validates
+from pydantic.config import JsonDict
+from pydantic.json_schema import SkipJsonSchema
 
-from cooperative.scene.tables._key import FromZero, Length, Several, T, Table, check_name, key, plain_name
+from cooperative.scene.tables._key import FromZero, Length, Part, Several, T, check_name, key, keys, plain_name, table
 from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
 
@@ -20,16 +22,11 @@ MOST_PATH = 400
 """Characters of the name of a file."""
 
 
-def flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
-    """Values by path, of paths in quotes and of tables within tables.
-
-    Args:
-        given: a table.
-        prefix: path of that table, with its last dot.
-    """
+def _flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    """Values by path, of paths in quotes and of tables within tables; prefix: path of that table, with its last dot."""
     paths: dict[str, object] = {}
     for name, value in given.items():
-        paths |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+        paths |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
     return paths
 
 
@@ -42,7 +39,22 @@ def _different(values: tuple[T, ...]) -> tuple[T, ...]:
 Different = Annotated[Several[T], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
 
 
-class Sweep(Table):
+class _WithPaths(Part):
+    """A table of a scene with paths beside its keys, whose values Python has in `paths`."""
+
+    SCHEMA: ClassVar[JsonDict] = {"additionalProperties": True}
+
+    @validates(mode="before")
+    @classmethod
+    def _by_path(cls, values: object) -> object:
+        if not isinstance(values, dict):
+            return values
+        named = {name: value for name, value in values.items() if name in keys(cls) and name != "paths"}
+        return named | {"paths": _flat({name: value for name, value in values.items() if name not in named})}
+
+
+@table
+class Sweep(_WithPaths):
     """Values of parameters.
 
     Each is changed alone, with the others as the scene has them. The scene is then many campaigns, and `jaxmpm sweep`
@@ -52,8 +64,6 @@ class Sweep(Table):
     layer goes by its name: `"layer.clay.strength.mean"`. `"motion.record" = ["a.csv", "b.csv"]` goes through records,
     each with all values of `"motion.scale"`.
     """
-
-    model_config = ConfigDict(extra="allow")
 
     lx: Different[Length] | None = key(
         "Correlation lengths of the strength along x.", [10, 30, 60, 120], None, otherwise="not varied"
@@ -69,17 +79,12 @@ class Sweep(Table):
         'Stopping rules of `"published"`, all evaluated from one campaign with the largest.', [2, 5, 10], None,
         otherwise="not varied",
     )  # fmt: skip
-
-    @validates(mode="before")
-    @classmethod
-    def _paths(cls, given: object) -> object:
-        """A path without quotes is tables within tables."""
-        return flat(given) if isinstance(given, dict) else given
+    paths: SkipJsonSchema[Mapping[str, object]] = key("Values of other keys, by path.", {"water.level": [2, 3]}, {})
 
     @validates(mode="after")
     def _values(self) -> Self:
         """Values of paths are lists of different numbers, of records names of files."""
-        for path, values in (self.model_extra or {}).items():
+        for path, values in self.paths.items():
             kinds = str if path == RECORDS else int | float
             alike = isinstance(values, list) and all(isinstance(v, kinds) and not isinstance(v, bool) for v in values)
             if not alike or not values or len(set(values)) < len(values):
@@ -89,8 +94,15 @@ class Sweep(Table):
                 check_name(name, MOST_PATH)
         return self
 
+    @property
+    def of_strength(self) -> dict[str, tuple[float, ...]]:
+        """Values of what varies in `[strength]`, by key."""
+        swept = {name: getattr(self, name) for name in ("lx", "ly", "lz", "cov")}
+        return {name: values for name, values in swept.items() if values is not None}
 
-class Scenario(Table):
+
+@table
+class Scenario(_WithPaths):
     """A campaign of a sweep that differs from the scene in any keys, such as the surface of ground with a berm.
 
     Beside `name`, the keys that change, by their paths: `ground.surface = [[0, 12], [30, 12], [42, 6], [50, 6]]`,
@@ -98,6 +110,5 @@ class Scenario(Table):
     the samples of the scene.
     """
 
-    model_config = ConfigDict(extra="allow")
-
     name: Annotated[str, plain_name(LONGEST_NAME)] = key("What it is called.", "berm")
+    paths: SkipJsonSchema[Mapping[str, object]] = key("New values of keys, by path.", {"water.level": 2.0}, {})

@@ -14,13 +14,13 @@ from cooperative.example_scenes import examples
 from cooperative.scene import SEVERAL, TABLES, built, json_schema, markdown, parse, to_toml
 from cooperative.scene._page import write
 from cooperative.scene._soil import OF_FRICTION
-from cooperative.scene.tables import keys, schema_of
+from cooperative.scene.tables import schema_of
 from cooperative.tools import sweep
 from jaxmpm.soil import soil_limits
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
 
-KEYS = [(section, name) for section, table in TABLES.items() for name in keys(table)]
+KEYS = [(section, name) for section, table in TABLES.items() for name in schema_of(table)["properties"]]
 
 
 def declared(section, name):
@@ -208,7 +208,7 @@ SWEPT = {"lx": [20, 0], "ly": [4.0, -1.0], "lz": [2, -4], "cov": [0.3, -0.1], "k
 
 
 def test_keys_of_a_sweep_are_those_that_it_takes():
-    assert set(keys(TABLES["sweep"])) == set(sweep.LABELS) == set(SWEPT)
+    assert set(schema_of(TABLES["sweep"])["properties"]) == set(sweep.LABELS) == set(SWEPT)
 
 
 @pytest.mark.parametrize("name", SWEPT)
