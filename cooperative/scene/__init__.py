@@ -46,7 +46,9 @@ from cooperative.scene.tables import (
     Motion,
     Plan,
     RandomField,
+    RandomLevel,
     Run,
+    Water,
 )
 
 __all__ = [
@@ -73,10 +75,12 @@ __all__ = [
     "Motion",
     "Plan",
     "RandomField",
+    "RandomLevel",
     "Run",
     "Site",
     "SiteLayer",
     "Variant",
+    "Water",
     "built",
     "campaign_of",
     "campaigns_of",

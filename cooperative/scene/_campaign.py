@@ -336,7 +336,7 @@ def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:
 def _check_weights(campaign: Campaign) -> None:
     """Raise ValueError for weights that vary so much that soil below water floats in some sample."""
     site = campaign.site
-    if site.water is None:
+    if site.water_table is None:
         return
     every: list[tuple[str, RandomField]] = []
     for label, random in (("", campaign.random), *((f"{each.label}: ", each.random) for each in site.layers)):

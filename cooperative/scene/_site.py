@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from cooperative.measure import Track
-from cooperative.scene.tables import CONTACT, LIMITS, RandomField, RandomLevel, Span
+from cooperative.scene.tables import CONTACT, LIMITS, RandomField, RandomLevel, Span, Water
 from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
 from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.text import shown
-
-Water = float | tuple[tuple[float, float], ...] | Raster
-"""Level (m), points (x, z) m or heights (m) of a water table."""
 
 
 class StrengthByStress(NamedTuple):
@@ -74,11 +72,9 @@ class Site:
         shape: of the ground.
         ends: what holds its ends, None as its shape has it.
         layers: from the top down; none where all is of the campaign's own soil.
-        water: its level or table, see `jaxmpm.section` and `jaxmpm.terrain`.
-        r_u: ratio of the pore pressure to the overburden, in place of water.
+        water: in the ground and above it, None for none.
         track: along which run-out is measured, None for along the slide.
         origin: where x = 0 and y = 0 lie in the projection of a terrain's surface (m).
-        level: distribution of the water's level, whose mean `water` then is; None where samples do not differ in it.
         contact_of_soil: which of friction and cohesion its interface has from the soil that lies on it.
     """
 
@@ -86,11 +82,24 @@ class Site:
     ends: str | None = None
     layers: tuple[SiteLayer, ...] = ()
     water: Water | None = None
-    r_u: float | None = None
     track: Track | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
-    level: RandomLevel | None = None
     contact_of_soil: tuple[str, ...] = ()
+
+    @cached_property
+    def water_table(self) -> float | tuple[tuple[float, float], ...] | Raster | None:
+        """Its level (m), points (x, z) m or heights (m), at the mean of a random level; None without."""
+        return None if self.water is None else self.water.surface(self.shape)
+
+    @property
+    def r_u(self) -> float | None:
+        """Ratio of the pore pressure to the overburden, in place of a water table."""
+        return None if self.water is None else self.water.r_u
+
+    @property
+    def level(self) -> RandomLevel | None:
+        """Distribution of the water's level; None where samples do not differ in it."""
+        return None if self.water is None else self.water.random
 
     @property
     def projection(self) -> str | None:
@@ -118,8 +127,8 @@ class Site:
         # Without friction it determines the strength, and is no load on soil in total stress.
         r_u = self.r_u if frictional or not self.by_stress(soil) else None
         return ground.build_ground(
-            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, water=self.water,
-            r_u=r_u, **loads,
+            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends,
+            water=self.water_table, r_u=r_u, **loads,
         )  # fmt: skip
 
     @property
@@ -264,7 +273,7 @@ def check_site(site: Site, soil: AnySoil) -> None:
     """
     for each in site.soils(soil):
         saturated = getattr(each.soil, "saturated_unit_weight", None)
-        if saturated is not None and site.water is None:
+        if saturated is not None and site.water_table is None:
             why = (
                 "without water in the ground: give the water's level, table, raster or depth"
                 if site.r_u is None
@@ -272,7 +281,7 @@ def check_site(site: Site, soil: AnySoil) -> None:
             )
             raise ValueError(f"saturated_unit_weight = {saturated:g} N/m3 has no effect {why}, or leave it out")
     ratios = [each.ratio for each in site.by_stress(soil) or () if each is not None]
-    if ratios and site.water is None and site.r_u is None:
+    if ratios and site.water is None:
         raise ValueError(
             f"strength_ratio = {ratios[0]:g} without water in the ground, whose table the effective stress depends on: "
             f"draw the slope as a section, and give water a level, table or depth, or r_u; level = {site.span[0]:g}, "

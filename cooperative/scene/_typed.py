@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import is_dataclass, replace
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -16,7 +16,7 @@ from cooperative.scene._contact import fields_of, interface_of, on_ground
 from cooperative.scene._files import Files
 from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground, ask_of_record
 from cooperative.scene._region import ask_for_origin, ask_for_origin_of_section, between_cells, track_of
-from cooperative.scene._site import Site, Water
+from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
 from cooperative.scene._varied import variants_of
 from cooperative.store import Source, table_of
@@ -64,10 +64,10 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if not scene.unusual:
         where = next(name for name in tables.SITES if getattr(scene, name) is not None)
         ask_of_ground(where, ground.shape, scene.run.failure_displacement)
+        _ask_of_water(ground)
     downhill = getattr(ground.shape, "downhill", 1)
     whole, through, layers = soils_of(scene, height=ground.height, span=ground.span, downhill=downhill)
-    level = None if scene.water is None else scene.water.level
-    site = replace(ground, layers=layers, level=level if isinstance(level, tables.RandomLevel) else None)
+    site = replace(ground, layers=layers)
     soil, drawn = site.representative(whole), scene.ground or scene.terrain
     contact = None if drawn is None else interface_of(drawn)
     of_contact = fields_of(
@@ -211,7 +211,7 @@ def _section(scene: tables.Scene, table: tables.Ground) -> Site:
         shape.check()
     except ValueError as error:
         raise ValueError(f"[ground] {error}") from error
-    return Site(shape, ends, (), *_water(scene, shape), origin=(origin or 0.0, 0.0))
+    return Site(shape, ends, (), scene.water, origin=(origin or 0.0, 0.0))
 
 
 def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
@@ -228,36 +228,19 @@ def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
     )  # fmt: skip
     shape.check()
     track = track_of(cast(Points, table.run_out_line or ()), shape)
-    return Site(shape, table.ends, (), *_water(scene, shape), track, table.origin or (0.0, 0.0))
+    return Site(shape, table.ends, (), scene.water, track, table.origin or (0.0, 0.0))
 
 
-def _water(scene: tables.Scene, shape: Section | Terrain) -> tuple[Water | None, float | None]:
-    """Level or table of the water, and r_u."""
-    if scene.water is None:
-        return None, None
-    drawn, other, table = ("table", "raster", "ground") if scene.terrain is None else ("raster", "table", "terrain")
-    if getattr(scene.water, other) is not None:
-        raise ValueError(f"[water] {other} is not for a scene with [{table}]: give level, depth, r_u or {drawn}")
-    given = {key: value for key, value in scene.water if value is not None}
-    if len(given) != 1:
-        raise ValueError(f"[water] has {' and '.join(given) or 'nothing'}: give one of level, depth, r_u and {drawn}")
-    ((key, value),) = given.items()
-    if key == "r_u":
-        return None, value
-    value = value.mean if isinstance(value, tables.RandomLevel) else value
-    water = shape.lowered(value) if key == "depth" else value
-    if not scene.unusual:
-        _ask_of_water(f"[water] {key}", water, shape)
-    return water, None
-
-
-def _ask_of_water(where: str, water: float | Sequence[Sequence[float]] | Raster, shape: Section | Terrain) -> None:
+def _ask_of_water(site: Site) -> None:
     """Raise ValueError for water that stands wildly above the ground, or below its base everywhere."""
+    if (water := site.water_table) is None:
+        return
+    where = next(f"[water] {key.name}" for key in fields(tables.Water) if getattr(site.water, key.name) is not None)
     heights = water.heights if isinstance(water, Raster) else np.atleast_2d(water)[:, -1]
-    heights, base, height = heights[np.isfinite(heights)], shape.corner[-1], shape.extent[-1]
+    heights, (base, top) = heights[np.isfinite(heights)], site.span
     if not heights.size:
         return
-    low, high, top = float(heights.min()), float(heights.max()), base + height
+    low, high, height = float(heights.min()), float(heights.max()), top - base
     remedy = ON_PURPOSE.format("[soil]")
     if low - top > DEEPEST_POOL * height:
         raise ValueError(

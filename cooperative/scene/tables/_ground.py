@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from dataclasses import fields, replace
+from typing import Annotated, Any, Literal, Self, cast
 
+import numpy as np
+from pydantic import model_validator as validates
+
+import jaxmpm as mpm
 from cooperative.scene.tables._key import (
     Depth,
     FromZero,
@@ -14,17 +19,19 @@ from cooperative.scene.tables._key import (
     OrFile,
     OrTable,
     Pair,
+    Part,
     Polygon,
     Raster,
     Rows,
     Table,
     Within,
     key,
+    table,
 )
 from cooperative.scene.tables._level import RandomLevel
 from cooperative.scene.tables._varying import RandomField
 from jaxmpm.soil import soil_limits
-from jaxmpm.support.check import Limit
+from jaxmpm.support.check import Invalid, Limit
 
 _WALLS = "two numbers, the lower one first"
 
@@ -205,7 +212,8 @@ class Terrain(Table):
     )
 
 
-class Water(Table):
+@table
+class Water(Part):
     """Water in drawn ground (`[ground]`) or a terrain, and above it: one of these keys.
 
     Where `level` or `table` lies above the ground there is a pool, whose surface is level and whose pressure acts on
@@ -232,3 +240,45 @@ class Water(Table):
     r_u: Annotated[float, Within(Limit(least=0, below=1))] | None = key(
         "Pore pressure over the weight of the soil above.", 0.25, None
     )
+
+    @validates(mode="after")
+    def _one(self) -> Self:
+        if len(given := [key.name for key in fields(self) if getattr(self, key.name) is not None]) != 1:
+            raise Invalid(
+                (), None, f"has {' and '.join(given) or 'nothing'}",
+                "give one of level, depth, r_u and, in a section, table, or in a terrain raster",
+            )  # fmt: skip
+        return self
+
+    @property
+    def random(self) -> RandomLevel | None:
+        """Its level where that is drawn with each sample."""
+        return self.level if isinstance(self.level, RandomLevel) else None
+
+    def surface(self, shape: mpm.Ground) -> float | tuple[tuple[float, float], ...] | mpm.Raster | None:
+        """Level (m), points (x, z) m or heights (m) of the water table, at the mean of a random level.
+
+        Args:
+            shape: of the ground, a section or a terrain.
+        """
+        if self.depth is not None:
+            surface: tuple[tuple[float, float], ...] | mpm.Raster = cast(Any, shape).lowered(self.depth)
+            return surface
+        level = self.level.mean if isinstance(self.level, RandomLevel) else self.level
+        return next((value for value in (level, self.table, cast(Any, self.raster)) if value is not None), None)
+
+    def raised(self, by: float, shape: mpm.Ground) -> Water:
+        """Water whose table is by so much higher (m).
+
+        Args:
+            by: m.
+            shape: of the ground.
+        """
+        if self.random is not None:
+            return Water(self.random.raised(by))
+        surface = self.surface(shape)
+        if isinstance(surface, mpm.Raster):
+            return Water(raster=replace(surface, heights=np.asarray(surface.heights) + by))
+        if isinstance(surface, tuple):
+            return Water(table=tuple((x, z + by) for x, z in surface))
+        return self if surface is None else Water(surface + by)

@@ -31,7 +31,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
-from jaxmpm import BaseMotion
+import jaxmpm as mpm
 from jaxmpm.support.check import Invalid, Limit, above_zero, from_zero
 from jaxmpm.support.text import shown
 
@@ -351,11 +351,14 @@ def _content(read: Callable[[ValidationInfo, str], object]) -> AfterValidator:
 
 
 _FILE = Field(json_schema_extra={"allowed": "the name of a file"})
-Raster = Annotated[str, _content(lambda info, name: info.context.raster(name)), _FILE]
-"""Heights by the name of a file, likewise."""
+Raster = Annotated[
+    Annotated[str, _content(lambda info, name: info.context.raster(name))] | SkipJsonSchema[InstanceOf[mpm.Raster]],
+    _FILE,
+]
+"""Heights by the name of a file, likewise, or themselves."""
 Record = Annotated[
     Annotated[str, _content(lambda info, name: info.context.motion(name, info.data.get("record_unit")))]
-    | SkipJsonSchema[InstanceOf[BaseMotion]],
+    | SkipJsonSchema[InstanceOf[mpm.BaseMotion]],
     _FILE,
 ]
 """A record of motion by the name of a file, likewise, or itself."""

@@ -103,6 +103,10 @@ class Scene(Table):
         if len(given) != 1:
             has = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "has no ground"
             raise Invalid((), None, has, f"give one of {', '.join(f'[{name}]' for name in SITES)}")
+        other = "table" if self.ground is None else "raster"
+        if self.water is not None and getattr(self.water, other) is not None:
+            remedy = "give level, depth, r_u or " + {"table": "raster", "raster": "table"}[other]
+            raise Invalid(("water", other), None, f"is not for a scene with [{given[0]}]", remedy)
         for name in ("layer", "water"):
             if getattr(self, name) and self.slope is not None:
                 raise Invalid(

@@ -24,7 +24,7 @@ from cooperative.scene import (
 )
 from cooperative.tools.safety._search import Critical, critical_surface
 from cooperative.tools.safety._slices import SHALLOWEST, Slices, Strength
-from jaxmpm import Layer, Raster, Scene, Section, State, diagnostics
+from jaxmpm import Layer, Scene, Section, State, diagnostics
 from jaxmpm.ground import as_section
 from jaxmpm.laws import WaterTable, declared
 from jaxmpm.run import FactorOfSafety
@@ -181,15 +181,12 @@ def _built(campaign: Campaign, grid: str, sample: int | None) -> tuple[GridModel
 
 def _raised(campaign: Campaign, by: float) -> Site:
     """The site of a campaign with its water by so much higher (m); ValueError without any."""
-    site, water = campaign.site, campaign.site.water
-    if water is None:
+    site = campaign.site
+    if site.water is None or site.water_table is None:
         given = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
         remedy = "draw a [slope] as [ground], and give [water] a level, a table or a depth"
         raise ValueError(f"water {by:+g} m: the scene has {given}, so none can be raised: {remedy}")
-    if isinstance(water, Raster):
-        return replace(site, water=replace(water, heights=np.asarray(water.heights) + by))
-    higher = water + by if isinstance(water, int | float) else tuple((x, z + by) for x, z in water)
-    return replace(site, water=higher, level=None if site.level is None else site.level.raised(by))
+    return replace(site, water=site.water.raised(by, site.shape))
 
 
 def _section(campaign: Campaign) -> Section:
@@ -237,7 +234,7 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
     if shape is None or site.by_stress(campaign.soil) is not None or campaign.run.strength_factor != 1:
         return None
     if not random.keys() <= {"strength", "cohesion", "friction", *UNUSED} or not isinstance(
-        site.water, int | float | tuple | list | None
+        site.water_table, int | float | tuple | list | None
     ):
         return None
     every = [each for values in fields.values() for each in values if isinstance(each, RandomField)]
@@ -263,7 +260,7 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
                 numbers[known[name], here] = median * field.grown(np.maximum(top - z[here], 0.0))
         return numbers[0], numbers[1]
 
-    return layers, site.water, at if known.keys() & fields.keys() else None
+    return layers, site.water_table, at if known.keys() & fields.keys() else None
 
 
 def _of_particles(model: GridModel, coefficients: np.ndarray | None) -> tuple[list[Layer], Water, Strength]:

@@ -169,4 +169,4 @@ def test_undrained_clay_has_no_saturated_weight():
         parse(changed(TINY, ("young = 2e7", "young = 2e7\nsaturated_unit_weight = 20e3")))
     weight = "saturated_unit_weight = 20e3"
     assert parse(changed(WET, (weight, "saturated_unit_weight = 17e3\nunusual = true"))).soil is not None
-    assert parse(changed(WET, ("level = 2.0", "level = 5e3"), (weight, "unusual = true"))).site.water == 5e3
+    assert parse(changed(WET, ("level = 2.0", "level = 5e3"), (weight, "unusual = true"))).site.water_table == 5e3

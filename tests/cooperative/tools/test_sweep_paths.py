@@ -30,7 +30,7 @@ def test_paths_lead_to_any_number_and_scenarios_to_any_key():
     campaigns = {name: parse(part.source) for name, part in parts.items()}
     assert campaigns[clay[0]].site.layers[1].random["strength"].mean == 2e4
     assert campaigns["run.k_h--0.1"].run.k_h == -0.1
-    assert campaigns["water.level-14"].site.water == 14.0  # above the crest: a pool
+    assert campaigns["water.level-14"].site.water_table == 14.0  # above the crest: a pool
     assert campaigns["scenario-a_berm"].site.shape.surface[2] == (16.0, 4.0)
     assert campaigns["scenario-a_berm"].rough.cell == 1.0
     short = variants(TINY + '[sweep]\n"soil.strength.mean" = [2e4]\n"run.strength_factor" = [0.8]\n')
