@@ -23,8 +23,8 @@ COMMANDS = {
         "--kind section", "write section.toml, a scene of your own to fill in",
     ),
     "check": (
-        "Read a scene and say what it will cost on this machine, from a trial of ten seconds.",
-        "section.toml", "what it will cost",
+        "Read a scene and name all that is wrong with it, or say how large it is; with --measure how long it takes.",
+        "section.toml", "is it right, and how large?",
     ),
     "draw": (
         "Draw a scene: ground, layers, water, walls, exposed places, and one random field on both grids.",
@@ -145,9 +145,12 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
         "--kind", choices=tuple(starters()), default="slope", help="of ground: %(choices)s (%(default)s)"
     )
     added["new"].add_argument("--out", type=Path, help="file to write (KIND.toml)")
-    added["check"].add_argument("--seconds", type=float, default=10.0, help="of the trial (%(default)g)")
+    added["check"].add_argument(
+        "--measure", type=float, nargs="?", const=10.0, metavar="SECONDS",
+        help="try a run of each grid for so many seconds (10), for the campaign's time on this machine",
+    )  # fmt: skip
     added["draw"].add_argument("--out", type=Path, help="PNG, PDF, SVG or in 3D HTML to write (beside the scene)")
-    added["draw"].add_argument("--sample", type=int, default=0, help="whose field is drawn (%(default)s)")
+    added["draw"].add_argument("--sample", type=int, help="whose field is drawn (0)")
     slide = added["slide"]
     soil = slide.add_mutually_exclusive_group()
     soil.add_argument("--sample", type=int, help="a sample's soil instead of the median")

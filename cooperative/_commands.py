@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 import warnings
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 CLEAR = "\x1b[2J\x1b[H"
 """Has a terminal begin an empty screen."""
+MOST_LINES = 20
+"""Faults of a scene that are printed; the others are counted."""
 LONGEST_TRIAL = 3600.0
 """Seconds of a trial at most; it shows no more after ten."""
 
@@ -46,10 +49,14 @@ def read_campaigns(args: argparse.Namespace) -> list[Campaign]:
     from cooperative.scene import campaigns_of
 
     campaigns = campaigns_of(read_source(args))
+    _say_sweep(args, campaigns)
+    return campaigns
+
+
+def _say_sweep(args: argparse.Namespace, campaigns: Sequence[Campaign]) -> None:
     if len(campaigns) > 1:
         base = "This is its base; `jaxmpm sweep` runs all of them."
         print(f"{args.scene} is a sweep of {len(campaigns)} campaigns. {base}")
-    return campaigns
 
 
 def run(args: argparse.Namespace) -> None:
@@ -156,23 +163,24 @@ def check(args: argparse.Namespace) -> None:
     """Answer `jaxmpm check`."""
     from cooperative import runs
     from cooperative.reporting import words_of_cost
+    from cooperative.scene import check_scene
 
-    if not 0 < args.seconds <= LONGEST_TRIAL:
-        raise ValueError(f"--seconds {args.seconds:g}: give more than 0 and at most {LONGEST_TRIAL:g}")
-    campaigns = read_campaigns(args)
-    for campaign in campaigns:
-        runs.check_size(campaign)
-    print("\n".join(map(printable, words_of_cost(campaigns[0], runs.cost_of(campaigns[0], args.seconds)))))
+    if args.measure is not None and not 0 < args.measure <= LONGEST_TRIAL:
+        raise ValueError(f"--measure {args.measure:g} s: give more than 0 and at most {LONGEST_TRIAL:g}")
+    campaigns = check_scene(args.scene, runs.check_all, outside=args.allow_outside)
+    _say_sweep(args, campaigns)
+    cost = runs.cost_of(campaigns[0], args.measure)
+    print("\n".join(map(printable, words_of_cost(campaigns[0], cost))))
     if len(campaigns) > 1:
-        print(f"  sweep          {len(campaigns)} campaigns, each of about this time")
+        print(f"  sweep          {len(campaigns)} campaigns" + ", each of about this time" * bool(cost.step))
 
 
 def draw(args: argparse.Namespace) -> None:
     """Answer `jaxmpm draw`."""
-    from cooperative.reporting import draw, interactive
+    from cooperative.reporting import draw, installed
 
     campaign = read_campaigns(args)[0]
-    suffixes = (".png", ".html") if campaign.dimension == 3 and interactive() else (".png",)
+    suffixes = (".png", ".html") if campaign.dimension == 3 and installed() else (".png",)
     paths = [args.out] if args.out else [args.scene.with_suffix(suffix) for suffix in suffixes]
     draw(campaign, *paths, sample=args.sample)
     print(*paths, sep="\n")
@@ -249,7 +257,7 @@ FUNCTIONS: tuple[Callable[[argparse.Namespace], None], ...] = (
 COMMANDS = {function.__name__: function for function in FUNCTIONS}
 LIBRARIES = {
     **dict.fromkeys(("run", "resume"), ("cooperative.campaign", "cooperative.reporting")),
-    **dict.fromkeys(("status", "report", "check", "draw"), ("cooperative.reporting",)),
+    **dict.fromkeys(("status", "report", "check", "draw"), ("cooperative.runs", "cooperative.reporting")),
     **{"export": ("cooperative.exports",), "slide": ("cooperative.one_run",), "doctor": ("cooperative.doctor",)},
     **{
         name: (f"cooperative.tools.{room}",) for name, room in (("site", "site"), ("fos", "safety"), ("sweep", "sweep"))
@@ -270,8 +278,25 @@ def _warning_in_lines() -> Iterator[None]:
         warnings.formatwarning = before
 
 
+def _lines_of(error: Exception) -> Iterator[str]:
+    """An error in lines: one, or of several faults one each, by the tables that they are about."""
+    from jaxmpm.support.check import Faults
+
+    faults = error.faults if isinstance(error, Faults) else ()
+    if len(faults) < 2:
+        yield f"error: {error}"
+        return
+    yield f"error: {len(faults)} faults"
+    tables = [re.match(r"\[*[^\s\].]+|", fault)[0] for fault in faults]  # type: ignore[index]
+    first = {table: number for number, table in reversed([*enumerate(tables)])}
+    grouped = [fault for _, fault in sorted(zip(tables, faults, strict=True), key=lambda each: first[each[0]])]
+    yield from (f"  {fault}" for fault in grouped[:MOST_LINES])
+    if len(grouped) > MOST_LINES:
+        yield f"  and {len(grouped) - MOST_LINES} more"
+
+
 def execute(args: argparse.Namespace) -> int:
-    """Run the command; errors of the user's making are one line on stderr and exit code 2.
+    """Run the command; errors of the user's making are one line each on stderr and exit code 2.
 
     Args:
         args: of the command line.
@@ -292,7 +317,7 @@ def execute(args: argparse.Namespace) -> int:
         own = isinstance(error, OSError) and error.filename is None and error.strerror
         if isinstance(error, OSError) and error.filename is not None:
             own = f"{error.filename} cannot be used ({error.strerror}): give a file or folder that you may use"
-        print(f"error: {printable(str(own or error))}", file=sys.stderr)
+        print(f"error: {printable(own)}" if own else "\n".join(map(printable, _lines_of(error))), file=sys.stderr)
         return 2
     except (RuntimeError, AssertionError):
         # JAX raises either where it was told to use a device that is not there.

@@ -20,7 +20,15 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Sampling, Screened, Slides, Zone
 from cooperative.folder import Results, write_results
-from cooperative.scene import Campaign, Measured, in_folder, measure, write_budget, write_slides_end
+from cooperative.scene import (
+    Campaign,
+    Measured,
+    check_samples,
+    in_folder,
+    measure,
+    write_budget,
+    write_slides_end,
+)
 from cooperative.store import (
     COARSE,
     MOVING,
@@ -85,6 +93,7 @@ def run(
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.packed(campaign)  # nothing is written for one that cannot be sent
+    check_samples(campaign)
     runs.check_size(campaign, workers if executor is None else 1)
     pool = None
     if executor is not None or workers > 1:

@@ -98,9 +98,9 @@ def slide(
     """
     check.positive("divide", divide)
     check.whole("frames", frames, 2)
-    if sample is not None and (mean or not 0 <= sample < campaign.plan.samples or not _random(campaign)):
-        why = "nothing in the scene is random" if not _random(campaign) else "mean soil is that of no sample"
-        why = why if mean or not _random(campaign) else f"the scene has samples 0 to {campaign.plan.samples - 1}"
+    if sample is not None and (mean or not 0 <= sample < campaign.plan.samples or not campaign.varies):
+        why = "nothing in the scene is random" if not campaign.varies else "mean soil is that of no sample"
+        why = why if mean or not campaign.varies else f"the scene has samples 0 to {campaign.plan.samples - 1}"
         raise ValueError(f"sample = {sample}: {why}")
     soil = runs.random_soil(campaign)
     coefficients = np.zeros(soil.modes) if sample is None else runs.coefficients_of(campaign, soil)[sample]
@@ -137,10 +137,6 @@ def slide(
         runs.finished(model, sample or 0, coefficients, result, time.perf_counter() - start, motion), failed,
         tuple(kept), tuple(kept.values()),
     )  # fmt: skip
-
-
-def _random(campaign: Campaign) -> bool:
-    return bool(campaign.random) or campaign.site.level is not None
 
 
 def _certain(campaign: Campaign) -> Campaign:

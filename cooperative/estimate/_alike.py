@@ -31,9 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import gammaincinv
-from scipy.stats import binom
 
 from cooperative.estimate._audit import Wave
 from cooperative.estimate._estimates import exact_limit, quantile
@@ -85,6 +83,9 @@ def even_limit(
     """
     if not chance.sum():
         return 1.0
+    from scipy.optimize import brentq  # these take half a second, which few commands need
+    from scipy.stats import binom
+
     # Of more failures one is met for certain.
     most = int(np.ceil((-np.log(NEVER) + 10 * unanswered) / chance.sum())) + certain
     most = min(samples, unknown + certain + unanswered, most)

@@ -40,7 +40,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import poisson
+from scipy.special import gammainc
 
 from cooperative.estimate._protocol import Answers, Population
 from cooperative.estimate._ranking import next_refined, stopping_rank
@@ -110,7 +110,7 @@ class Surprise:
     @property
     def misled(self) -> bool:
         """Whether more failed than the ranks allow for."""
-        return bool(poisson.sf(self.failed - 1, self.expected) < RARELY)
+        return bool(gammainc(self.failed, self.expected) < RARELY)
 
 
 @dataclass(frozen=True)

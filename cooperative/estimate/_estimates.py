@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta, norm
-from scipy.stats import t as student
+from scipy.special import betainccinv, betaincinv, ndtri, stdtrit
 
 FEWEST = 5
 """Effective number of samples from which on a mean has an interval: fewer show too little of their scatter."""
@@ -228,14 +227,14 @@ def count_interval(
         return 1 - exact_limit(samples, level), 1.0
     tail = 0.5 - level / 2
     if failed < RARE:
-        low = min(low, float(beta.ppf(tail, failed, failed / share - failed + 1)))
+        low = min(low, float(betaincinv(failed, failed / share - failed + 1, tail)))
     if stand < RARE:
-        high = max(high, float(beta.isf(tail, stand / (1 - share) - stand + 1, stand)))
+        high = max(high, float(betainccinv(stand / (1 - share) - stand + 1, stand, tail)))
     # The seen ones are failures for certain, whatever the estimate makes of their weights.
     if seen[0] < RARE and among < np.inf:
-        low = min(max(low, float(beta.ppf(tail, seen[0], among - seen[0] + 1))), share)
+        low = min(max(low, float(betaincinv(seen[0], among - seen[0] + 1, tail))), share)
     if seen[1] < RARE and among < np.inf:
-        high = max(min(high, float(beta.isf(tail, among - seen[1] + 1, seen[1]))), share)
+        high = max(min(high, float(betainccinv(among - seen[1] + 1, seen[1], tail))), share)
     return low, high
 
 
@@ -255,7 +254,7 @@ def wilson_limits(
 def quantile(level: float, freedom: np.ndarray) -> np.ndarray:
     """Of Student's t, the normal one for infinite degrees of freedom."""
     endless = np.isinf(freedom)
-    return np.where(endless, norm.ppf(0.5 + level / 2), student.ppf(0.5 + level / 2, np.where(endless, 1e9, freedom)))
+    return np.where(endless, ndtri(0.5 + level / 2), stdtrit(np.where(endless, 1e9, freedom), 0.5 + level / 2))
 
 
 def effective_size(weight: np.ndarray) -> float:
@@ -338,5 +337,5 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
     parts = (share * (values / mean - 1) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
     variance = float(parts.sum())
     freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
-    half = float(student.ppf(0.5 + level / 2, freedom)) * np.sqrt(variance)
+    half = float(stdtrit(freedom, 0.5 + level / 2)) * np.sqrt(variance)
     return mean * float(np.exp(-half)), mean * float(np.exp(half))

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import optimize, stats
-from scipy.stats import FitError, rv_continuous
-from scipy.stats.distributions import rv_frozen
 
 from cooperative.estimate._estimates import FEWEST, effective_size
+
+if TYPE_CHECKING:
+    from scipy.stats import rv_continuous
+    from scipy.stats.distributions import rv_frozen
 
 # Fewer samples than this tell six two-parameter distributions apart no better than chance would.
 ENOUGH = 30
@@ -29,21 +31,29 @@ class Candidate:
     """A family of two parameters.
 
     Args:
-        family: of scipy.stats.
+        name: in scipy.stats.
         positive: for values above 0, where it is made to start.
     """
 
-    family: rv_continuous
+    name: str
     positive: bool = False
+
+    @property
+    def family(self) -> rv_continuous:
+        """The family itself."""
+        from scipy import stats  # takes half a second, which nothing needs that fits no slides
+
+        family: rv_continuous = getattr(stats, self.name)
+        return family
 
 
 CANDIDATES = {
-    "normal": Candidate(stats.norm),
-    "logistic": Candidate(stats.logistic),
-    "gamma": Candidate(stats.gamma, positive=True),
-    "Weibull": Candidate(stats.weibull_min, positive=True),
-    "lognormal": Candidate(stats.lognorm, positive=True),
-    "Gumbel": Candidate(stats.gumbel_r),
+    "normal": Candidate("norm"),
+    "logistic": Candidate("logistic"),
+    "gamma": Candidate("gamma", positive=True),
+    "Weibull": Candidate("weibull_min", positive=True),
+    "lognormal": Candidate("lognorm", positive=True),
+    "Gumbel": Candidate("gumbel_r"),
 }
 
 
@@ -119,6 +129,8 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
     if values.size < FITTED or distinct < 2:
         few = f"{values.size} samples, {distinct} of them distinct, are too few for a fit: it takes {FITTED}"
         return Fits((), values.size, None, None, (few,))
+    from scipy.stats import FitError
+
     notes, least = [], values.min()
     if size < ENOUGH:
         worth = "" if np.ptp(share) == 0 else f", worth {size:.3g} of equal weight,"
@@ -221,7 +233,7 @@ def _fit(name: str, candidate: Candidate, values: np.ndarray, weight: np.ndarray
     parameters = (*parameters[:-2], parameters[-2] * scale, parameters[-1] * scale)
     log_likelihood = float(weight @ candidate.family.logpdf(values, *parameters))
     if not np.isfinite([*parameters, log_likelihood]).all():
-        raise FitError("its likelihood is not finite")
+        raise ValueError("its likelihood is not finite")
     aic = 2 * FREE - 2 * log_likelihood
     bic = FREE * float(np.log(weight.sum())) - 2 * log_likelihood
     return Fit(name, tuple(float(parameter) for parameter in parameters), log_likelihood, aic, bic)
@@ -238,6 +250,8 @@ def _weighted(
 
     def loss(at: np.ndarray) -> float:
         return -float(weight @ candidate.family.logpdf(values, *parameters(at))) / weight.sum()
+
+    from scipy import optimize
 
     first = np.log(start[0]) if candidate.positive else start[0]
     best = optimize.minimize(loss, np.array([first, np.log(start[-1])]), method="BFGS", options={"gtol": 1e-4})

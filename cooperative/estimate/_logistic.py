@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit
-from scipy.stats import norm
+from scipy.special import expit, ndtri
 
 from cooperative.estimate._protocol import Population
 from cooperative.estimate._ranking import rank_samples
@@ -56,7 +55,7 @@ def score_of(share: np.ndarray, *, rare: bool = False) -> np.ndarray:
         share: that ranks above (...), above 0.
         rare: whether ranks far out matter, those of subset simulation.
     """
-    return -TAIL * np.log(share) if rare else norm.isf(share)
+    return -TAIL * np.log(share) if rare else -ndtri(share)
 
 
 def normal_scores(weight: np.ndarray, *, rare: bool = False) -> np.ndarray:

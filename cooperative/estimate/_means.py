@@ -22,7 +22,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from cooperative.estimate._estimates import (
     LEAST_FREEDOM,
@@ -188,7 +188,7 @@ def _share_limits(share: np.ndarray, does: np.ndarray, level: float) -> tuple[np
     ratio = np.where(every, 1.0, np.minimum(share @ does, 1.0))
     low, _ = _limits_of_ratio(ratio, ratio, share, does, level)
     # Of what all slides did, the standard deviation by Jeffreys' prior.
-    apart = norm.ppf(0.5 + level / 2) * float(share @ share) / math.sqrt(2)
+    apart = ndtri(0.5 + level / 2) * float(share @ share) / math.sqrt(2)
     low = np.where(every, max(1 - float(apart), 0.0), low)
     whole = 1 + share.max()
     with_one_more = np.append(share, share.max()) / whole, np.vstack([does, np.ones(does.shape[1])])

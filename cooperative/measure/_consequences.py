@@ -16,9 +16,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from cooperative.measure._track import Track
 from jaxmpm import Face
@@ -254,6 +251,10 @@ def _mass(
     count = now.shape[1]
     if reach is None:
         return before, now, np.ones(count, bool)
+    from scipy.sparse import coo_array  # these load what only slides need
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     links = cKDTree(now.T).query_pairs(reach, output_type="ndarray").T
     _, group = connected_components(coo_array((np.ones(links.shape[1], bool), tuple(links)), shape=(count, count)))
     share = np.bincount(group, volume[sliding]) / volume[sliding].sum()

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 
 @dataclass(frozen=True)
@@ -83,6 +82,8 @@ def second_release(released: np.ndarray, smallest_share: float, valley: float) -
         smallest_share: as in `cooperative.measure.ModeRules`.
         valley: as there.
     """
+    from scipy.ndimage import uniform_filter1d  # loads what only slides need
+
     rate = uniform_filter1d(released, BINS, mode="constant")
     before, after = np.cumsum(released), np.cumsum(released[::-1])[::-1]
     lesser = np.minimum(np.maximum.accumulate(rate), np.maximum.accumulate(rate[::-1])[::-1])

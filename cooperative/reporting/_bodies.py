@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import cKDTree
 
 MOST_FACES = 10_000
 """Of a skin: a report holds several, each at several times."""
@@ -95,6 +94,8 @@ def moving(position: np.ndarray, displacement: np.ndarray, times: Sequence[float
     """
     surface = skin(position, 2 * half_size)
     # A corner goes with the particles that meet there, as in a section; where boxes are larger, with the nearest ones.
+    from scipy.spatial import cKDTree  # loads what only bodies in 3D need
+
     away, near = cKDTree(position.T).query(surface.corners, k=min(8, position.shape[1]))
     meets = (away <= away[:, :1] * (1 + 1e-6))[None]
     steps = np.stack([(np.where(meets, step[:, near], 0).sum(axis=2) / meets.sum(axis=2)).T for step in displacement])

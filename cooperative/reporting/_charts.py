@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import rankdata
 
 from cooperative.estimate import Exceedance, Fits, Severity
 from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
@@ -89,7 +88,8 @@ def ranked_displacements(rows: Mapping[str, np.ndarray], *, failure_displacement
 
 def ranks(rough: np.ndarray) -> np.ndarray:
     """Rank (N,) of each sample by its displacement on the rough grid, the farthest first; without one before all."""
-    return rankdata(-np.where(np.isfinite(rough), rough, np.inf), method="ordinal")
+    order = np.argsort(-np.where(np.isfinite(rough), rough, np.inf), kind="stable")
+    return np.argsort(order) + 1
 
 
 def exceedance(curves: Mapping[str, Exceedance], labels: Mapping[str, str], *, level: float) -> Figure:

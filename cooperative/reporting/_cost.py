@@ -40,12 +40,19 @@ def words_of_cost(scene: Campaign, cost: Cost) -> Iterator[str]:
         )
     for grid, size in cost.sizes.items():
         most = "at most " if grid == "refined" else ""
+        runs = f"{most}{cost.runs[grid]:,} runs" if scene.varies else "a run"
+        here = f", {cost.step[grid] * 1e3:.3g} ms each here" if cost.step else ""
         yield (
-            f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {most}"
-            f"{cost.runs[grid]:,} runs of {size.steps:,.0f} steps, {cost.step[grid] * 1e3:.3g} ms each here"
+            f"  {grid + ' grid':<14} {size.particles:,.0f} particles, {size.nodes:,.0f} nodes; {runs} of "
+            f"{size.steps:,.0f} steps{here}"
         )
+    if not scene.varies:
+        yield "  random         nothing: `jaxmpm slide` and `jaxmpm fos` take this scene, `jaxmpm run` does not"
     yield from (f"  WARNING        {remark}" for remark in warnings_of(scene))
     yield f"  memory         {cost.memory / 1e9:.2g} GB for all grids in one process"
+    if not cost.step:
+        yield "  time           not measured: add --measure, which tries a run of each grid for some seconds"
+        return
     hours = {grid: cost.hours(grid) for grid in cost.sizes}
     estimates = ", ".join(f"{hours[grid]:.3g} on the {grid} grid" for grid in hours)
     yield f"  time           at most {sum(hours.values()):.3g} hours of one core, {estimates}; many runs end sooner"

@@ -24,9 +24,10 @@ from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import _profiles as profiles
 from cooperative.reporting._bodies import skin
+from cooperative.reporting._profiles import certain_strength
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
-from cooperative.scene import Campaign, check_samples
+from cooperative.scene import Campaign, check_cells
 from cooperative.store import write_aside
 from jaxmpm import Ground, Raster
 from jaxmpm.ground import floor
@@ -46,20 +47,24 @@ EXPOSED = "#D55E00"
 TRACK = "#CC0066"
 
 
-def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
+def draw(campaign: Campaign, *paths: Path, sample: int | None = None) -> None:
     """Draw a scene into each of these files: a PNG, PDF or SVG, or in 3D an HTML page that turns.
+
+    Where no soil is random, its strength is drawn in place of a field.
 
     Args:
         campaign: to be drawn.
         paths: of the files.
-        sample: number of the sample whose field is drawn.
+        sample: number of the sample whose field is drawn, None for the first.
 
     Raises:
-        ValueError: nothing in the scene is random, or it has not so many samples; its ground, soil and grids do not fit
+        ValueError: the scene has not so many samples, or nothing in it is random; its ground, soil and grids do not fit
             together; a name has no picture's ending, or a page is asked for of a section.
     """
-    check_samples(campaign)
-    if not 0 <= sample < campaign.plan.samples:
+    check_cells(campaign)
+    if sample is not None and not campaign.varies:
+        raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
+    if sample is not None and not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
     if unknown := [
         path for path in paths if path.suffix[1:] not in ("html", *Figure().canvas.get_supported_filetypes())
@@ -72,7 +77,12 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
         raise ValueError(f"{turns[0]}: a page that turns needs plotly, which is not installed: pip install plotly")
     models = models_of(campaign)
     coefficients = coefficients_of(campaign, models["rough"].soil)
-    values = {grid: soil_of(model, coefficients[sample]).values for grid, model in models.items()}
+    values: Values = {
+        grid: soil_of(model, coefficients[sample or 0]).values if campaign.random else certain_strength(model)
+        for grid, model in models.items()
+    }
+    if not values["refined"]:
+        raise ValueError("nothing in the soil is random, nor does its law declare a strength: there is nothing to draw")
     for path in turns:
         write_aside(path, solid(models, values).encode())
     if len(turns) < len(paths):
@@ -84,9 +94,9 @@ def draw(campaign: Campaign, *paths: Path, sample: int = 0) -> None:
 
 
 def solid(models: dict[str, GridModel], values: Values) -> str:
-    """A page that turns: the ground by its layers, and one random field on every grid, the first."""
+    """A page that turns: the ground by its layers, and one field on every grid, the first."""
     campaign = models["refined"].campaign
-    name = next(iter(campaign.random))
+    name = _first(campaign, values)
     scale = plots.quantity(name)
     field = {grid: by_name[name] / scale.size for grid, by_name in values.items()}
     low, high = plots.ends(field.values())
@@ -101,9 +111,19 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
         )  # fmt: skip
         bodies[f"{scale.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
     figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
-    text = "Ground by its layers, and one sample's random field on both grids. Drag it to turn it."
+    text = f"Ground by its layers, and {_whose(campaign)} on both grids. Drag it to turn it."
     parts = [page.heading(campaign.name, 1), interactive.html(figure, "ground"), page.paragraph(text)]
     return page.document(campaign.name, [*parts, interactive.script()])
+
+
+def _first(campaign: Campaign, values: Values) -> str:
+    """The parameter that is drawn: the first that is random, or else the first of strength."""
+    return next(iter(campaign.random or values["refined"]))
+
+
+def _whose(campaign: Campaign) -> str:
+    """Whose field is drawn, in words."""
+    return "one sample's random field" if campaign.random else "the soil's strength"
 
 
 def _layered(model: GridModel) -> list[Mesh3d]:
@@ -202,7 +222,7 @@ def _water(model: GridModel, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
 
 
 def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarray) -> Figure:
-    """Ground with its layers above the first random field on every grid, and strength against depth beside them.
+    """Ground with its layers above the first field on every grid, and strength against depth beside them.
 
     In 3D the section in the middle, below a map that shows where it lies. Of a field that is conditioned, the values
     measured, and mean and deviation over samples by their coefficients (samples, modes).
@@ -211,7 +231,7 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
     planes = {grid: plots.plane_at(grid_stored, stored.middle) for grid, grid_stored in stored.grids.items()}
     sections = {grid: plots.section_of(grid_stored, planes[grid]) for grid, grid_stored in stored.grids.items()}
     mapped = fine.campaign.dimension == 3
-    name = next(iter(fine.campaign.random))
+    name = _first(fine.campaign, values)
     scale, measured = plots.quantity(name), measured_of(fine.campaign, name)
     rows = 1 + len(models) + mapped
     shown_profiles = profiles.profiles(fine, planes["refined"])
@@ -234,11 +254,11 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
         moments = [each[planes["refined"]] / scale.size for each in conditioned(fine, name, coefficients)]
         _moments(figure, axes[rows:], sections["refined"], moments, scale, None if mapped else measured)
     shown_values = {grid: each[name][planes[grid]] / scale.size for grid, each in values.items()}
-    norm = Normalize(*plots.ends(shown_values.values()))
+    norm, of = Normalize(*plots.ends(shown_values.values())), ", one sample" if fine.campaign.random else ""
     shown = list(axes[1 + mapped : rows])
     for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
         boxes = plots.draw_particles(ax, position, half, shown_values[grid], "cividis", norm)
-        ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles, one sample", loc="left")
+        ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles{of}", loc="left")
     figure.colorbar(boxes, ax=shown, label=scale.label)
     return figure
 

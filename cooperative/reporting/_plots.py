@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from scipy.spatial import Delaunay, QhullError
 
 from cooperative.reporting._charts import panels
 from cooperative.runs import StoredGrid
@@ -344,6 +343,8 @@ def soil_between(position: np.ndarray, half: np.ndarray) -> np.ndarray:
     Returns:
         Triangles (m, 3); none where the particles lie on a line.
     """
+    from scipy.spatial import Delaunay, QhullError  # loads what only soil that has slid needs
+
     try:
         triangles = Delaunay(position.T).simplices
     except QhullError:

@@ -86,14 +86,7 @@ def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
     for station, at in found.items():
         column = np.flatnonzero(plane & (position[0] == x[at]))
         columns[station] = column[np.argsort(-position[-1, column])]
-    certain = {
-        name: np.broadcast_to(np.rad2deg(number.value) if number.parameter.angle else number.value, position.shape[1:])
-        for name, number in declared(model.scene.material).items()
-        if number.parameter.reduced and not number.parameter.at_most
-    }
-    rock = np.zeros(position.shape[1], bool)
-    if model.layer is not None:
-        rock = np.array([layer.rock for layer in model.campaign.site.layers])[model.layer]
+    certain, rock = _strength(model), _rock(model)
     chosen = np.concatenate(list(columns.values()))
     values_of_samples = _drawn(model, [name for name in certain if name in model.names], chosen)
     ends = np.cumsum([column.size for column in columns.values()])[:-1]
@@ -107,6 +100,31 @@ def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
         depth = surface[at] - position[-1, column]
         result.append(Profile(station, float(x[at]), float(surface[at]), depth, mean, tails))
     return result
+
+
+def certain_strength(model: GridModel) -> dict[str, np.ndarray]:
+    """Strength of a grid's soil by parameter, of the particles (N,) in SI units and degrees, nan in rock.
+
+    Args:
+        model: the grid, of whose soil nothing is random.
+    """
+    return {name: np.where(_rock(model), np.nan, values) for name, values in _strength(model).items()}
+
+
+def _strength(model: GridModel) -> dict[str, np.ndarray]:
+    return {
+        name: np.broadcast_to(
+            np.rad2deg(each.value) if each.parameter.angle else each.value, model.scene.particles.mass.size
+        )
+        for name, each in declared(model.scene.material).items()
+        if each.parameter.reduced and not each.parameter.at_most
+    }
+
+
+def _rock(model: GridModel) -> np.ndarray:
+    if model.layer is None:
+        return np.zeros(model.scene.particles.mass.size, bool)
+    return np.array([each.rock for each in model.campaign.site.layers])[model.layer]
 
 
 def _drawn(model: GridModel, names: Sequence[str], chosen: np.ndarray) -> dict[str, np.ndarray]:

@@ -23,7 +23,16 @@ from cooperative.runs._reach import Reach, reach_of, warnings_of
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, GROUND, finished, run_samples
 from cooperative.runs._sampling import coefficients_of, draw_by, phases_of, row_of, samples_of, sampling_of
-from cooperative.runs._size import Cost, GridSize, check_coefficients, check_size, cost_of, grid_size, seconds_per_step
+from cooperative.runs._size import (
+    Cost,
+    GridSize,
+    check_all,
+    check_coefficients,
+    check_size,
+    cost_of,
+    grid_size,
+    seconds_per_step,
+)
 from cooperative.runs._stopping import Stop, Stopped, stop_by_signals
 
 __all__ = [
@@ -48,6 +57,7 @@ __all__ = [
     "advance",
     "bars",
     "build",
+    "check_all",
     "check_coefficients",
     "check_flags",
     "check_size",

@@ -248,10 +248,11 @@ def _random_soil(
     members = [(part, names) for part in parts for names in _members(part, correlated)]
     if counts is not None and len(counts) != len(members):
         raise ValueError(f"measured are {len(counts)} numbers of terms for {len(members)} expansions: {REMEDY}")
-    groups = [
-        _group(part, names, correlated, count)
-        for (part, names), count in zip(members, counts or (None,) * len(members), strict=True)
-    ]
+    groups, gathered = [], check.Gathered()
+    for (part, names), count in zip(members, counts or (None,) * len(members), strict=True):
+        with gathered.of():
+            groups.append(_group(part, names, correlated, count))
+    gathered.raise_all()
     uncertain = tuple((part[0], name, field) for part in parts for name, field in part[1] if field.uncertain)
     factors = int(any(field.factor_cov > 0 for part in parts for _, field in part[1]))
     first = 2 * len(uncertain) + factors

@@ -22,13 +22,15 @@ COLUMNS_OF_ZONES = {
 
 
 def coefficients_of(campaign: Campaign, soil: RandomSoil) -> np.ndarray:
-    """Coefficients of the scene's samples (samples, modes), by the design that it asks for.
+    """Coefficients of the scene's samples (samples, modes), by the design that it asks for; of soil without none.
 
     Args:
         campaign: the campaign.
         soil: its random soil.
     """
     plan = campaign.plan
+    if not soil.modes:
+        return np.zeros((plan.samples, 0))
     return np.asarray(plan.coefficients(jax.random.key(plan.seed), plan.samples, soil.modes))
 
 

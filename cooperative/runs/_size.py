@@ -22,10 +22,11 @@ from cooperative.runs._built import build
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._sampling import sampling_of
-from cooperative.scene import TAIL, Campaign, RandomField, check_samples
+from cooperative.scene import TAIL, Campaign, RandomField, check_cells
 from jaxmpm import Material, Scene, State, Status, advance, block, ground
 from jaxmpm.laws import declared
 from jaxmpm.soil import AnySoil
+from jaxmpm.support import check
 
 MOST_STEPS = 10**7
 """Of one run. The published slope takes 2,000 and 5,000; with more, rounding in float32 gets the better of a step."""
@@ -154,7 +155,7 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
             into the memory of this machine.
     """
     campaign.require()
-    check_samples(campaign)
+    check_cells(campaign)
     plan, runs = campaign.plan, _first_runs(campaign)
     if runs > MOST_RUNS:
         first = next(iter(campaign.grids))
@@ -192,6 +193,23 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
         + (f" in {workers} workers" if workers > 1 else f" in {lanes['rough']} and {lanes['refined']} lanes"),
         "give larger cells and spacings, fewer lanes or fewer workers",
     )
+
+
+def check_all(campaign: Campaign) -> None:
+    """Check what can be checked of a campaign without building its grids.
+
+    Args:
+        campaign: the campaign.
+
+    Raises:
+        Faults: of its size here, and of its random fields.
+    """
+    gathered = check.Gathered()
+    with gathered.of():
+        check_size(campaign)
+    with gathered.of():
+        check_coefficients(campaign, random_soil(campaign).modes)
+    gathered.raise_all()
 
 
 def check_coefficients(campaign: Campaign, modes: int) -> None:
@@ -245,8 +263,8 @@ class Cost:
 
     Args:
         sizes: of the grids, by name.
-        runs: how many there are of each, at most on the refined grid.
-        step: seconds of one step of a run on each.
+        runs: how many there are of each, at most on the refined grid; one of each where nothing is random.
+        step: seconds of one step of a run on each; none where no run was tried.
     """
 
     sizes: Mapping[str, GridSize]
@@ -263,27 +281,30 @@ class Cost:
         return sum(size.memory(1) for size in self.sizes.values())
 
 
-def cost_of(campaign: Campaign, seconds: float = 10.0) -> Cost:
-    """Try a run of each grid for its part of `seconds`, compiling not counted.
+def cost_of(campaign: Campaign, seconds: float | None = None) -> Cost:
+    """What a campaign takes, once its grids have been built.
 
     Args:
         campaign: the campaign.
-        seconds: of the trial.
+        seconds: of a trial, in which a run of each grid takes its part, compiling not counted; None for no trial.
 
     Raises:
-        ValueError: ground, soil and grids do not fit together.
+        Faults: ground, soil and grids do not fit together.
     """
-    rough, soil = campaign.estimator.rough_runs(sampling_of(campaign)), random_soil(campaign)
+    gathered, models, soil = check.Gathered(), {}, random_soil(campaign)
+    for grid in campaign.grids:
+        with gathered.of(f"{grid} grid: "):
+            models[grid] = build(campaign, grid, soil, at_rest=False)
+    gathered.raise_all()
+    rough = campaign.estimator.rough_runs(sampling_of(campaign))
     budget = campaign.estimator.budget(rough)
-    models = {grid: build(campaign, grid, soil, at_rest=False) for grid in campaign.grids}
+    runs = {"coarse": campaign.plan.samples, "rough": rough, "refined": rough if budget is None else min(budget, rough)}
     return Cost(
         sizes={grid: grid_size(campaign, grid) for grid in models},
-        runs={
-            "coarse": campaign.plan.samples,
-            "rough": rough,
-            "refined": rough if budget is None else min(budget, rough),
-        },
-        step={grid: seconds_per_step(model, seconds / len(models)) for grid, model in models.items()},
+        runs={grid: runs[grid] if campaign.varies else 1 for grid in models},
+        step={}
+        if seconds is None
+        else {grid: seconds_per_step(model, seconds / len(models)) for grid, model in models.items()},
     )
 
 

@@ -1,6 +1,7 @@
 """Scenes: TOML in, one checked and immutable campaign out."""
 
-from cooperative.scene._campaign import Campaign, check_samples
+from cooperative.scene._campaign import Campaign, check_cells, check_samples
+from cooperative.scene._faults import check_scene
 from cooperative.scene._files import Files, to_toml, toml_value
 from cooperative.scene._measured import (
     doubts,
@@ -85,7 +86,9 @@ __all__ = [
     "campaign_of",
     "campaigns_of",
     "changed",
+    "check_cells",
     "check_samples",
+    "check_scene",
     "check_seams",
     "compare_projections",
     "doubts",

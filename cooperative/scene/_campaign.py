@@ -42,6 +42,7 @@ from cooperative.store import Source
 from jaxmpm import BaseMotion, Discretisation, Exceeds, ground
 from jaxmpm.run import Rule, least_failing_volume
 from jaxmpm.soil import AnySoil
+from jaxmpm.support.check import Gathered
 
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
 THICKNESSES = 3.0
@@ -146,6 +147,11 @@ class Campaign(Part):
         return site
 
     @property
+    def varies(self) -> bool:
+        """Whether anything in it is random: soil, contact or water level."""
+        return bool(self.random) or self.site.level is not None
+
+    @property
     def modes(self) -> tuple[str, ...]:
         """Grids whose failures get a mode: none where no slide comes to its end, or the ground has no toe."""
         return () if self.plan.slides == 0 or self.site.shape.face is None else self.plan.modes
@@ -243,41 +249,65 @@ def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:
 
 def check_grids(campaign: Campaign) -> None:
     """Check all discretisations; ValueError names the grid."""
+    gathered = Gathered()
     for name, grid in campaign.grids.items():
-        try:
+        with gathered.of(f"[{name}] "):
             ground.check_discretisation(grid, campaign.dimension)
-        except ValueError as error:
-            raise ValueError(f"[{name}] {error}") from error
+    gathered.raise_all()
 
 
 def check_samples(campaign: Campaign) -> None:
-    """Check what samples of a campaign need, and a factor of safety by slices does not.
+    """Check that samples of a campaign differ.
 
     Args:
         campaign: the campaign.
 
     Raises:
-        ValueError: nothing varies, or a weak layer is too thin for the cells of the refined grid.
+        ValueError: nothing varies.
     """
-    if not campaign.random:
+    if not campaign.varies:
         raise ValueError(
-            "nothing in the scene is random: give at least one parameter of the soil as a table, such as "
-            "[soil.cohesion] with mean, cov and length"
+            "nothing in the scene is random, so all samples are alike: `jaxmpm slide` runs this one slope, and "
+            "`jaxmpm fos` gives its factor of safety; for a probability give at least one parameter of the soil as a "
+            "table, such as [soil.cohesion] with mean, cov and length"
         )
+
+
+def check_cells(campaign: Campaign) -> None:
+    """Check what the solver's grids need, and a factor of safety by slices does not.
+
+    Args:
+        campaign: the campaign.
+
+    Raises:
+        ValueError: a weak layer is too thin for the cells of the refined grid.
+    """
     check_seams(campaign.site, campaign.grids["refined"].cell)
 
 
 def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
-    check_site(campaign.site, campaign.soil)
-    run, plan, dimension = campaign.run, campaign.plan, campaign.dimension
-    run.check_early(softens=campaign.site.softens_linearly(campaign.soil), shaken=campaign.motion is not None)
+    gathered, run = Gathered(), campaign.run
+    with gathered.of():
+        check_site(campaign.site, campaign.soil)
+    with gathered.of():
+        run.check_early(softens=campaign.site.softens_linearly(campaign.soil), shaken=campaign.motion is not None)
+    with gathered.of():
+        _check_elements(campaign.elements_at_risk)
+    for each in (_check_run, _check_weights, _check_fields, check_failure, _check_sizes_of_cells):
+        with gathered.of():
+            each(campaign)
+    gathered.raise_all()
+
+
+def _check_run(campaign: Campaign) -> None:
+    """Raise ValueError for what runs do that does not go with the ground and what varies in it."""
+    run, plan = campaign.run, campaign.plan
     if campaign.shaking is not None and (duration := float(campaign.shaking.duration)) > run.t_end * (1 + 1e-6):
         raise ValueError(
             f"the motion of the base lasts {duration:g} s, beyond t_end = {run.t_end:g} s at which runs end: give "
             f"t_end = {duration:g} or more, or cut the record"
         )
-    _check_elements(campaign.elements_at_risk)
     own_start = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
     own_start += [] if campaign.site.level is None else ["water level"]
     if campaign.site.ends == "free field" and own_start:
@@ -285,7 +315,6 @@ def check_campaign(campaign: Campaign) -> None:
             f"{own_start[0]} varies beside ends = 'free field', whose columns have the mean soil and its stress at "
             "rest: give it as a number, or take rollers"
         )
-    _check_weights(campaign)
     if run.slides_t_end is not None and plan.slides == 0:
         raise ValueError(
             f"slides_t_end = {run.slides_t_end:g} s has no effect beside slides = 0, which asks for no slides: leave "
@@ -296,18 +325,33 @@ def check_campaign(campaign: Campaign) -> None:
         raise ValueError(
             f"least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
         )
+    if plan.screening_stop is not None and "rough" in campaign.modes:
+        raise ValueError(
+            f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "
+            "for modes of the refined grid alone"
+        )
+
+
+def _check_fields(campaign: Campaign) -> None:
+    """Raise ValueError for fields that do not go with the ground, its layers or each other."""
+    gathered, dimension = Gathered(), campaign.dimension
     for layer in campaign.site.layers:
-        try:
+        with gathered.of(f"{layer.label}: "):
             _check_own_fields(campaign, layer)
-        except ValueError as error:
-            raise ValueError(f"{layer.label}: {error}") from error
     for name, varies in campaign.random.items():
         if len(varies.length) != dimension:
-            raise ValueError(f"length of {name} has {len(varies.length)} values: give {dimension}, one per axis")
+            gathered.faults.append(f"length of {name} has {len(varies.length)} values: give {dimension}, one per axis")
+    gathered.raise_all()
     if campaign.cross_correlation is not None:
-        check_cross_correlation(campaign.cross_correlation, campaign.random)
-    _check_boreholes(campaign)
-    check_failure(campaign)
+        with gathered.of():
+            check_cross_correlation(campaign.cross_correlation, campaign.random)
+    _check_boreholes(campaign, gathered)
+    gathered.raise_all()
+
+
+def _check_sizes_of_cells(campaign: Campaign) -> None:
+    """Raise ValueError for grids of which a finer one has larger cells, and for a coarse one without its samples."""
+    plan = campaign.plan
     if (campaign.coarse is None) != (plan.rough_samples is None):
         raise ValueError(f"rough_samples = {plan.rough_samples}, coarse = {campaign.coarse}: give both, or neither")
     for (wide, large), (fine, small) in pairwise((name, grid.cell) for name, grid in campaign.grids.items()):
@@ -315,11 +359,6 @@ def check_campaign(campaign: Campaign) -> None:
             raise ValueError(
                 f"the {wide} grid has cells of {large:g} m, the {fine} one of {small:g} m: give [{wide}] larger cells"
             )
-    if plan.screening_stop is not None and "rough" in campaign.modes:
-        raise ValueError(
-            f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "
-            "for modes of the refined grid alone"
-        )
 
 
 def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:
@@ -373,8 +412,8 @@ def _check_own_fields(campaign: Campaign, layer: SiteLayer) -> None:
     check_cross_correlation(campaign.cross_correlation, layer.random)
 
 
-def _check_boreholes(campaign: Campaign) -> None:
-    """Raise ValueError for measured values that lie in a layer to which their field does not reach."""
+def _check_boreholes(campaign: Campaign, gathered: Gathered) -> None:
+    """Gather measured values that lie in a layer to which their field does not reach."""
     layers = campaign.site.layers
     through: list[tuple[int | None, str, RandomField]] = [
         (None, name, varies) for name, varies in campaign.random.items() if campaign.site.spans(name)
@@ -389,7 +428,7 @@ def _check_boreholes(campaign: Campaign) -> None:
         own = np.array([name in each.own for each in layers])[at]
         foreign = np.flatnonzero(np.where(own, at, -1) != (-1 if number is None else number))
         if foreign.size:
-            raise ValueError(_of_other_ground(campaign, name, positions[:, foreign], at[foreign]))
+            gathered.faults.append(_of_other_ground(campaign, name, positions[:, foreign], at[foreign]))
 
 
 MOST_ROWS = 5

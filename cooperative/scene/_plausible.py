@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 
 from cooperative.scene.tables import ACCELERATIONS, LIMITS, Motion, RandomField
 from jaxmpm import Ground, ground
 from jaxmpm.soil import STANDARD_GRAVITY, Plausible, unit_slip
+from jaxmpm.support.check import Gathered
 
 ON_PURPOSE = "If it is meant as it is, give unusual = true in {}"
 """The remedy of a number that is unusual, with the table in which to declare it."""
@@ -48,12 +49,17 @@ def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
     Raises:
         ValueError: a number betrays another unit, or lengths another order.
     """
-    asked = partial(ask, home=home)
+    gathered = Gathered()
+
+    def asked(*each: Any) -> None:
+        with gathered.of():
+            ask(*each, home=home)
+
     asked(f"{where} mean", name, field.mean)
     asked(f"{where} cov", name, field.cov, COV)
     asked(f"{where} borehole_error", name, field.borehole_error, ERROR)
     if 0 < field.mean_error < LEAST_ERROR * abs(field.mean):
-        raise ValueError(
+        gathered.faults.append(
             f"{where} mean_error = {field.mean_error:g}, less than a thousandth of the mean, {field.mean:g}: was "
             f"another unit meant? {ON_PURPOSE.format(home)}"
         )
@@ -62,15 +68,18 @@ def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
         asked(f"{where} {end}", name, getattr(field, end) or 0.0)
     if field.trend is not None and name in TRENDS:
         asked(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
-    for row in field.boreholes or ():
-        asked(f"{where} boreholes, value", name, row[-1])
+    slips = [slip for row in field.boreholes or () if (slip := unit_slip(name, row[-1]))]
+    if slips:
+        more = f"as are {len(slips) - 1} more values. " if slips[1:] else ""
+        gathered.faults.append(f"{where} boreholes, value = {slips[0]} {more}{ON_PURPOSE.format(home)}")
     *along, upwards = field.length
     if along and field.bedding is None and max(along) < upwards < math.inf:
-        raise ValueError(
+        gathered.faults.append(
             f"{where} length = {list(field.length)}: it correlates over {upwards:g} m upwards and {max(along):g} m "
             "along the ground, while deposits vary faster upwards; the order is x, y, z, in a section x, z. "
             + ON_PURPOSE.format(home)
         )
+    gathered.raise_all()
 
 
 def ask(where: str, name: str, value: float, plausible: Plausible | None = None, home: str = "[soil]") -> None:

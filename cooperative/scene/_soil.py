@@ -11,6 +11,7 @@ from cooperative.scene._plausible import ON_PURPOSE, ask, ask_of_field
 from cooperative.scene._site import SiteLayer
 from cooperative.scene.tables import LIMITS, RandomField, Span
 from jaxmpm import FrictionalSoil, Layer, Raster, Soil
+from jaxmpm.support.check import Gathered
 from jaxmpm.support.text import shown
 
 BAND = 1 / 5
@@ -66,31 +67,39 @@ def soils_of(
     """
     if not scene.unusual:
         ask("[run] gravity", "gravity", scene.run.gravity)
-    soil, random = None, cast(Mapping[str, RandomField], {})
+    soil, random, gathered = None, cast(Mapping[str, RandomField], {}), Gathered()
     if scene.soil is not None and not (scene.layer and _kind(_of_scene(scene)) is None):
         table = scene.soil if scene.strength is None else scene.soil.model_copy(update={"strength": scene.strength})
-        soil, random = _soil_of(
-            table, _in_scene(scene.soil, scene.strength), height=height, span=span, downhill=downhill
-        )
-    layers = []
+        random = {name: value for name, value in table if isinstance(value, RandomField)}
+        with gathered.of():
+            soil, random = _soil_of(
+                table, _in_scene(scene.soil, scene.strength), height=height, span=span, downhill=downhill
+            )
+    layers, of_soil = [], {_subject(fault) for fault in gathered.faults}
     for number, table in enumerate(scene.layer, 1):
         where = f"layer {number}" if table.name is None else f"layer {shown(table.name)}"
-        try:
+        with gathered.of(f"[{where}]: "):
             own, varies, stops = _soil_of_layer(scene, table, random, height=height, span=span, downhill=downhill)
-        except ValueError as error:
-            raise ValueError(f"[{where}]: {error}") from error
-        bottom = cast(Raster | None, table.raster) if table.bottom is None else table.bottom
-        layer = Layer(own, bottom, table.depth, table.thickness)
-        layers.append(SiteLayer(table.name or where, layer, varies, table.rock, stops, _top_of(table, scene, where)))
+            bottom = cast(Raster | None, table.raster) if table.bottom is None else table.bottom
+            layer = Layer(own, bottom, table.depth, table.thickness)
+            layers.append(SiteLayer(table.name or where, layer, varies, table.rock, stops, _top_of(table, scene)))
+    # A layer takes over what [soil] has, and with it the faults of that.
+    gathered.faults = [each for each in gathered.faults if _subject(each.partition("]: ")[2]) not in of_soil]
+    gathered.raise_all()
     return soil, random, tuple(layers)
 
 
-def _top_of(table: tables.Layer, scene: tables.Scene, where: str) -> float | tuple[tuple[float, float], ...] | None:
+def _subject(fault: str) -> str:
+    """Key, with its table, that a message is about."""
+    return fault.partition(" = ")[0]
+
+
+def _top_of(table: tables.Layer, scene: tables.Scene) -> float | tuple[tuple[float, float], ...] | None:
     """A layer's top before a cut; ValueError for points of it in 3D."""
     if table.top is None or isinstance(table.top, int | float):
         return table.top
     if scene.ground is None:
-        raise ValueError(f"[{where}]: top is a line, which is for a scene with [ground]: give its elevation (m)")
+        raise ValueError("top is a line, which is for a scene with [ground]: give its elevation (m)")
     return tuple((float(x), float(z)) for x, z in table.top)
 
 
@@ -104,17 +113,19 @@ def _soil_of(
     together or whose numbers betray
     another unit, and for fields whose values leave their limits.
     """
-    values, random, unusual = dict(table), {}, table.unusual
-    _check_kind(values, table.model_fields_set, label, home)
+    values, random, unusual, gathered = dict(table), {}, table.unusual, Gathered()
+    with gathered.of():
+        _check_kind(values, table.model_fields_set, label, home)
     for name, value in table:
-        if isinstance(value, RandomField):
-            random[name] = value.dipping(downhill)
-            if not unusual:
-                ask_of_field(label(name), name, random[name], home)
-            random[name].check(label(name), LIMITS[name], span)
-            values[name] = value.mean
-        elif name in LIMITS and isinstance(value, float) and not unusual:
-            ask(label(name), name, value, home=home)
+        with gathered.of():
+            if isinstance(value, RandomField):
+                random[name], values[name] = value.dipping(downhill), value.mean
+                if not unusual:
+                    ask_of_field(label(name), name, random[name], home)
+                random[name].check(label(name), LIMITS[name], span)
+            elif name in LIMITS and isinstance(value, float) and not unusual:
+                ask(label(name), name, value, home=home)
+    gathered.raise_all()
     for name, others in SOFTENED_BY.items():
         if name in random and all(values[other] is None for other in others):
             raise ValueError(

@@ -28,6 +28,7 @@ from jaxmpm import (
     State,
     Terrain,
 )
+from jaxmpm.support.check import Gathered
 from jaxmpm.support.table import decoded
 from jaxmpm.support.text import short, shown
 
@@ -60,13 +61,25 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     given = _given(scene, table_of(source.tables, "campaign"), estimator)
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
-    ground = _site(scene)
+    ground, gathered = _site(scene), Gathered()
     if not scene.unusual:
         where = next(name for name in tables.SITES if getattr(scene, name) is not None)
-        ask_of_ground(where, ground.shape, scene.run.failure_displacement)
-        _ask_of_water(ground)
+        with gathered.of():
+            ask_of_ground(where, ground.shape, scene.run.failure_displacement)
+        with gathered.of():
+            _ask_of_water(ground)
+    with gathered.of():
+        check_limit_load(scene.run, table_of(source.tables, "run"), scene.limit_load)
+    if "modes" in table_of(source.tables, "campaign"):
+        with gathered.of():
+            check_modes(scene.campaign, has_toe=ground.shape.face is not None)
+    if scene.motion is not None and not scene.unusual:
+        with gathered.of():
+            ask_of_record(scene.motion)
     downhill = getattr(ground.shape, "downhill", 1)
-    whole, through, layers = soils_of(scene, height=ground.height, span=ground.span, downhill=downhill)
+    with gathered.of():
+        whole, through, layers = soils_of(scene, height=ground.height, span=ground.span, downhill=downhill)
+    gathered.raise_all()
     site = replace(ground, layers=layers)
     soil, drawn = site.representative(whole), scene.ground or scene.terrain
     contact = None if drawn is None else interface_of(drawn)
@@ -75,11 +88,6 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     )
     random = site.all_random({**through, **of_contact})
     site = on_ground(site, contact, soil)
-    check_limit_load(scene.run, table_of(source.tables, "run"), scene.limit_load)
-    if "modes" in table_of(source.tables, "campaign"):
-        check_modes(scene.campaign, has_toe=site.shape.face is not None)
-    if scene.motion is not None and not scene.unusual:
-        ask_of_record(scene.motion)
     campaign = Campaign(
         name=scene.name,
         ground=site,
@@ -137,16 +145,30 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
     if path.stat().st_size > LARGEST:
         raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
     try:
-        text = _text_of(path)
-        source = Source(text)
-        if "files" in source.tables:
-            return source
-        files = Files({}, path.parent, _origin(source.tables), outside)
-        scene = tables.read(tables.Scene, source.tables, files=files)
-        for variant in variants_of(source.tables):
-            tables.read(tables.Scene, variant.tables, files=files)  # it may name files of its own
+        return with_files(_text_of(path), path.parent, outside=outside)
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
+
+
+def with_files(text: str, folder: Path, *, outside: bool) -> Source:
+    """A scene's text with the points and heights of the files that it names.
+
+    Args:
+        text: of the scene.
+        folder: in which it stands.
+        outside: as for `read_scene`.
+
+    Raises:
+        ValueError: as for `read_scene`.
+        OSError: a file cannot be read.
+    """
+    source = Source(text)
+    if "files" in source.tables:
+        return source
+    files = Files({}, folder, _origin(source.tables), outside)
+    scene = tables.read(tables.Scene, source.tables, files=files)
+    for variant in variants_of(source.tables):
+        tables.read(tables.Scene, variant.tables, files=files)  # it may name files of its own
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
 
 

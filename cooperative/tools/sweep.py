@@ -49,6 +49,7 @@ from cooperative.scene import (
     Measured,
     Variant,
     campaign_of,
+    check_samples,
     parse,
     source_of,
     stored_measured,
@@ -107,7 +108,9 @@ def run(scene: Source | str | Path, folder: Path, *, workers: int = 1, progress:
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     for part in parts:
-        check_size(parse(part.source), workers)
+        campaign = parse(part.source)
+        check_samples(campaign)
+        check_size(campaign, workers)
     _claim(folder, source)
     with stop_by_signals():
         _share_audit(parts, folder, workers=workers, progress=progress)

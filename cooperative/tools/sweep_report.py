@@ -18,12 +18,12 @@ from cooperative.reporting import (
     document,
     heading,
     headline,
-    html_table,
-    interactive_figures,
     limits,
     paragraph,
     tiled,
 )
+from cooperative.reporting import figures as interactive_figures
+from cooperative.reporting import table as html_table
 from cooperative.summary import Element, Summary
 from cooperative.tools.sweep_differences import Difference
 from cooperative.tools.sweep_fragility import Curve

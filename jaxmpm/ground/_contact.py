@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from jaxmpm.boundary import on_contact
 from jaxmpm.equations import MASS_FLOOR, Maps
@@ -52,6 +51,8 @@ class Contact:
         covered = np.flatnonzero(volume > MASS_FLOOR * float(np.mean(np.asarray(particles.volume))))
         nearest = np.zeros(nodes.size, int)
         if covered.size:
+            from scipy.spatial import KDTree  # loads what only contacts need
+
             nearest = covered[KDTree(points[:, covered].T).query(points.T)[1]]
         return cls(scene, nodes, points, nodes[nearest])
 

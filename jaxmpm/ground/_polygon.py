@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 import shapely
-from scipy.ndimage import distance_transform_edt
 
 from jaxmpm.ground._raster import Raster
 from jaxmpm.support.text import shown
@@ -62,6 +61,8 @@ def filled_beyond(raster: Raster, polygon: tuple[tuple[float, float], ...]) -> R
     Returns:
         Raster.
     """
+    from scipy.ndimage import distance_transform_edt  # loads what only polygons need
+
     holes = ~np.isfinite(raster.heights)
     if not holes.any() or holes.all():
         return raster

@@ -9,7 +9,6 @@ from typing import TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from jaxmpm.laws import BaseMotion
 from jaxmpm.protocols import Motion
@@ -236,6 +235,8 @@ SKIPPED = 0.02
 
 def skipped(motion: BaseMotion, dt: float) -> float:
     """What time steps (s) leave out of a record, by the velocity that it makes, over its peak."""
+    from scipy.integrate import cumulative_trapezoid  # loads what only a record needs
+
     given = np.asarray(motion.acceleration, np.float64)
     interval, last = float(motion.interval), given.shape[1] - 1
     if interval >= dt:

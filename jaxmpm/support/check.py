@@ -10,6 +10,7 @@ import math
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TypeAlias, TypeVar
 
 import jax
@@ -51,6 +52,63 @@ class Invalid(ValueError):
 
     def __str__(self) -> str:
         return self.of(".".join(map(str, self.path))).lstrip()
+
+
+MOST_FAULTS = 8
+"""Faults that one message names; it counts the others."""
+
+
+class Faults(ValueError):
+    """All that is wrong with an input, of which each part was checked.
+
+    Args:
+        faults: a message each.
+    """
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        super().__init__(tuple(faults))
+        self.faults = tuple(faults)
+
+    def __str__(self) -> str:
+        more = len(self.faults) - MOST_FAULTS
+        return "; ".join(self.faults[:MOST_FAULTS]) + (f"; and {more} more" if more > 0 else "")
+
+
+def faults_of(error: ValueError) -> tuple[str, ...]:
+    """The messages that an error has.
+
+    Args:
+        error: of one fault or of several.
+    """
+    return error.faults if isinstance(error, Faults) else (str(error),)
+
+
+class Gathered:
+    """Faults of checks of which none depends on another, to be raised together."""
+
+    def __init__(self) -> None:
+        self.faults: list[str] = []
+
+    @contextmanager
+    def of(self, where: str = "") -> Iterator[None]:
+        """Keep the faults that the block raises, and go on after it.
+
+        Args:
+            where: what they are of, to begin their messages with.
+        """
+        try:
+            yield
+        except ValueError as error:
+            self.faults += [f"{where}{fault}" for fault in faults_of(error)]
+
+    def raise_all(self) -> None:
+        """Raise what was kept, if anything was.
+
+        Raises:
+            Faults: all of it.
+        """
+        if self.faults:
+            raise Faults(self.faults)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.distance import pdist
 
 from kl._checks import finite, require
 from kl.axis import Exponential, Scaled
@@ -159,6 +158,8 @@ def fit_field(
     positions = _positions(points)
     grids = []
     if positions.shape[1] > 1:
+        from scipy.spatial.distance import pdist  # loads what only several soundings need
+
         apart = pdist(positions.T)
         grids.append(np.geomspace(apart.min() / 6, 10 * apart.max(), _ROUGH[0]))
     grids.append(np.geomspace(_spacing(points, positions) / 2, 4 * np.ptp(points[-1]), _ROUGH[0]))

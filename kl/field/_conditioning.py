@@ -20,7 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from kl._checks import finite, pytree, require
 from kl.axis import scaled_functions
@@ -106,6 +105,8 @@ def condition(
         f"data at points of shape {points.shape} with values of shape {values.shape}: give (d, n) and (n,)",
     )
     require(values.size > 0, "no data: give at least one point, or leave the field unconditioned")
+    from scipy.spatial import cKDTree  # loads what only data need
+
     matrix, host = mode_matrix(expansion, points), np.asarray(points, np.float64)
     scaled = host / np.array(expansion.extent)[:, None]
     for one, other in sorted(cKDTree(scaled.T).query_pairs(_SAME_POINT, p=np.inf)):

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from typing import ClassVar, Protocol, TypeGuard, TypeVar, cast, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
@@ -16,13 +17,13 @@ from pydantic_core import ErrorDetails
 from pydantic_core.core_schema import NullableSchema, WithDefaultSchema
 
 from cooperative.scene.tables._key import keys
-from jaxmpm.support.check import Invalid, Limit
+from jaxmpm.support.check import Faults, Invalid, Limit
 from jaxmpm.support.text import shown
 
 Schema = JsonSchemaValue
 
-MOST = 8
-"""Faults that a message names; it counts the others."""
+NAMED = 20
+"""Unknown keys for which the nearest one is looked for."""
 
 RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 CHOICE = ("choice", "literal_error")
@@ -44,13 +45,13 @@ def read(table: type[T], values: object, where: str = "", *, files: object = Non
         files: what the files hold that it names, as `Line` and `Raster` ask for it; None leaves their names.
 
     Raises:
-        ValueError: that names every key that is not known, with the nearest one that is, every one that lacks, and
-            every value that a key cannot have.
+        Faults: every key that is not known, with the nearest one that is, every one that lacks, and every value that a
+            key cannot have.
     """
     try:
         return TypeAdapter(table).validate_python(values, context=files)
     except ValidationError as error:
-        raise ValueError(_several(_faults(cast(type[Keyed], table), values, where, error))) from None
+        raise Faults(_faults(cast(type[Keyed], table), values, where, error)) from None
 
 
 def refusal(table: type, values: Mapping[str, object], error: ValidationError) -> ValueError:
@@ -61,13 +62,7 @@ def refusal(table: type, values: Mapping[str, object], error: ValidationError) -
         values: by key, as Python gave them.
         error: of pydantic.
     """
-    return ValueError(_several(_faults(cast(type[Keyed], table), values, "", error)))
-
-
-def _several(faults: Sequence[str]) -> str:
-    """One message of all faults."""
-    more = f"; and {len(faults) - MOST} more" if len(faults) > MOST else ""
-    return "; ".join(faults[:MOST]) + more
+    return Faults(_faults(cast(type[Keyed], table), values, "", error))
 
 
 class Keyed(Protocol):
@@ -141,7 +136,7 @@ def _faults(table: type[Keyed], values: object, where: str, error: ValidationErr
     errors = error.errors(include_url=False)
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
-    wrong: dict[tuple[str, ...], str] = {}
+    wrong: dict[tuple[str, ...], list[str]] = {}
     of_scene = False
     for fault in errors:
         kind, location = fault["type"], fault["loc"]
@@ -149,7 +144,7 @@ def _faults(table: type[Keyed], values: object, where: str, error: ValidationErr
             entry = _entry_at(table, values, where, location[:-1])
             of_scene |= not entry.whole
             # What no message names needs no words.
-            likely = _suggestion(str(location[-1]), entry.inner, table) if len(unknown) < MOST else ""
+            likely = _suggestion(str(location[-1]), entry.inner, table) if len(unknown) < NAMED else ""
             unknown.append(f"{entry.section} has an unknown key {shown(location[-1])}{likely}")
         elif kind == "missing" and isinstance(location[-1], str):
             entry = _entry_at(table, values, where, location[:-1])
@@ -160,11 +155,13 @@ def _faults(table: type[Keyed], values: object, where: str, error: ValidationErr
             path = broken.path if isinstance(broken, Invalid) else ()
             entry = _entry_at(table, values, where, location, path)
             if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
-                wrong[*entry.path, entry.key] = _wrong(entry, fault)
+                several = broken.faults if isinstance(broken, Faults) else ()
+                of = f"{entry}: " if entry.key else ""
+                wrong[*entry.path, entry.key] = [f"{of}{each}" for each in several] or [_wrong(entry, fault)]
     if of_scene:
         lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
     lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
-    return [*unknown, *lacks, *wrong.values()]
+    return [*unknown, *lacks, *chain.from_iterable(wrong.values())]
 
 
 def _wrong(entry: _Entry, error: ErrorDetails) -> str:

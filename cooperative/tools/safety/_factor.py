@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import cKDTree
 
 import jaxmpm
 from cooperative.measure import walls_reached
@@ -142,7 +141,7 @@ def factor_of_safety(
     loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (campaign.motion is not None)
     if water:
         campaign = replace(campaign, ground=_raised(campaign, water))
-    if sample is not None and not campaign.random and campaign.site.level is None:
+    if sample is not None and not campaign.varies:
         raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
     if sample is not None and not 0 <= sample < campaign.plan.samples:
         raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
@@ -327,6 +326,8 @@ def _interpolated(
     """
     if np.ptp(values, axis=1).max() <= UNIFORM * np.abs(values).max():
         return lambda x, z: np.broadcast_to(values[:, :1], (len(values), x.size))
+    from scipy.spatial import cKDTree  # loads what only soil that varies needs
+
     corner = position.min(axis=0)
     shape = np.maximum(np.rint(np.ptp(position, axis=0) / spacing).astype(int) + 1, 2)
     points = corner + np.indices(shape).reshape(2, -1).T * spacing

@@ -49,7 +49,7 @@ def test_check_warns_of_a_road_on_the_crest(tmp_path, monkeypatch, capsys):
     assert remark.startswith("road stands at the crest, at z = 16 m of 16 m; x = 0 is the rear of the ground. No slide")
     scene = tmp_path / "crest.toml"
     scene.write_text(DEMO + road.format(20.0))
-    assert main(["check", str(scene), "--seconds", "0.01"]) == 0
+    assert main(["check", str(scene), "--measure", "0.01"]) == 0
     assert "WARNING        road stands at the crest" in capsys.readouterr().out
 
 
@@ -101,7 +101,7 @@ def test_dilation_without_an_end_and_small_levels_are_remarked():
 def test_check_says_how_much_ground_a_slide_may_need_beyond_the_toe(tmp_path, capsys):
     scene = tmp_path / "short.toml"
     scene.write_text(DEMO.replace("toe = 48.0", "toe = 10.0"))
-    assert main(["check", str(scene), "--seconds", "0.01"]) == 0
+    assert main(["check", str(scene), "--measure", "0.01"]) == 0
     printed = capsys.readouterr().out
     assert "  beyond the toe 10 m of ground; all soil above the toe" in printed
     assert "WARNING        a slide may reach the end of the ground, 10 m beyond the toe: make that" in printed

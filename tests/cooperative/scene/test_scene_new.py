@@ -2,11 +2,14 @@
 
 import tomllib
 
+import numpy as np
 import pytest
 
 from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative.__main__ import main
 from cooperative.example_scenes import SCHEMA, starters
+from cooperative.folder import models_of
+from cooperative.reporting._profiles import certain_strength
 from cooperative.runs import check_size, grid_size
 from cooperative.scene import parse, read_scene, to_toml
 
@@ -68,20 +71,56 @@ def test_a_scene_is_drawn(tmp_path, capsys):
     assert f"make {tmp_path / 'none'} and start the same command again" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["draw", "check", "run"])
-def test_commands_for_random_slopes_say_that_nothing_is_random(command, tmp_path, capsys):
+def certain(path):
     tables = tomllib.loads(TINY)
     tables["soil"]["strength"] = tables.pop("strength")["mean"]
-    (tmp_path / "certain.toml").write_text(to_toml(tables))
-    more = {"run": ["--out", str(tmp_path / "out"), "--workers", "1"]}.get(command, [])
-    assert main([command, str(tmp_path / "certain.toml"), *more]) == 2
-    assert "nothing in the scene is random: give at least one parameter" in capsys.readouterr().err
+    path.write_text(to_toml(tables))
+    return path
+
+
+def test_a_run_of_a_scene_without_anything_random_says_what_to_do(tmp_path, capsys):
+    scene = certain(tmp_path / "certain.toml")
+    assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--workers", "1"]) == 2
+    printed = capsys.readouterr().err
+    assert "nothing in the scene is random, so all samples are alike: `jaxmpm slide` runs this one slope" in printed
+    assert "for a probability give at least one parameter of the soil as a table" in printed
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scene_without_anything_random_is_checked_and_drawn(tmp_path, capsys):
+    scene = certain(tmp_path / "certain.toml")
+    assert main(["check", str(scene)]) == 0
+    printed = capsys.readouterr().out
+    assert f"nodes; a run of {grid_size(parse(scene), 'refined').steps:,.0f} steps\n" in printed
+    assert "nothing: `jaxmpm slide` and `jaxmpm fos` take this scene, `jaxmpm run` does not" in printed
+    assert main(["draw", str(scene)]) == 0
+    assert scene.with_suffix(".png").stat().st_size > 10_000
+    assert main(["draw", str(scene), "--sample", "0"]) == 2
+    assert "sample = 0, but nothing in the scene is random: leave it out" in capsys.readouterr().err
+
+
+def test_a_scene_without_anything_random_is_drawn_by_its_strength():
+    tables = tomllib.loads(LAYERED)
+    del tables["strength"]["cov"], tables["strength"]["length"]
+    tables["soil"]["strength"] = tables.pop("strength")["mean"]
+    for layer in tables["layer"]:
+        if isinstance(layer.get("strength"), dict):
+            layer["strength"] = layer["strength"]["mean"]
+    campaign = parse(to_toml(tables))
+    assert not campaign.varies
+    model = models_of(campaign)["refined"]
+    drawn = certain_strength(model)
+    rock = [each.rock for each in campaign.site.layers]
+    for number, layer in enumerate(campaign.site.layers):
+        values = drawn["strength"][np.asarray(model.layer) == number]
+        assert values.size
+        np.testing.assert_allclose(values, np.nan if rock[number] else layer.layer.soil.strength, rtol=1e-6)
 
 
 def test_check_says_what_a_scene_costs(tmp_path, capsys):
     text = LAYERED.replace('name = "rock"', 'name = "gneiss"')
     (tmp_path / "mine.toml").write_text(text)
-    assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0.1"]) == 0
+    assert main(["check", str(tmp_path / "mine.toml"), "--measure", "0.1"]) == 0
     printed = capsys.readouterr().out
     campaign = parse(text)
     for grid in ("rough", "refined"):
@@ -90,7 +129,7 @@ def test_check_says_what_a_scene_costs(tmp_path, capsys):
         assert f"runs of {size.steps:,.0f} steps" in printed
     for name in ("fill", "clay", "gneiss, rock", "hours of one core", "GB for all grids"):
         assert name in printed
-    assert main(["check", str(tmp_path / "mine.toml"), "--seconds", "0"]) == 2
+    assert main(["check", str(tmp_path / "mine.toml"), "--measure", "0"]) == 2
     assert "give more than 0" in capsys.readouterr().err
 
 

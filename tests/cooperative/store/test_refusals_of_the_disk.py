@@ -143,5 +143,5 @@ def test_what_a_killed_export_left_is_removed_by_the_next_one(tiny_campaign, tmp
 
 @pytest.mark.parametrize("seconds", ["inf", "nan", "0", "-1", "1e9"])
 def test_a_trial_without_end_is_refused(tmp_path, seconds, capsys):
-    assert main(["check", str(tmp_path / "none.toml"), "--seconds", seconds]) == 2
+    assert main(["check", str(tmp_path / "none.toml"), "--measure", seconds]) == 2
     assert "give more than 0 and at most 3600" in capsys.readouterr().err

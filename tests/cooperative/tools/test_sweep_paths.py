@@ -42,7 +42,7 @@ def test_a_sweep_is_checked_and_drawn_by_its_base(tmp_path, capsys):
     scene = tmp_path / "s.toml"
     scene.write_text(TINY + '[sweep]\nlx = [4.0, 8.0]\n"run.strength_factor" = [0.8]\n')
     count = len(variants(scene))
-    assert main(["check", str(scene), "--seconds", "0.01"]) == 0
+    assert main(["check", str(scene), "--measure", "0.01"]) == 0
     printed = capsys.readouterr().out
     assert f"a sweep of {count} campaigns" in printed
     assert "hours of one core" in printed
@@ -53,7 +53,7 @@ def test_a_sweep_is_checked_and_drawn_by_its_base(tmp_path, capsys):
     assert "run it by `jaxmpm sweep`" in capsys.readouterr().err
     # What one campaign of it refuses is refused before any of them runs.
     scene.write_text(TINY + '[sweep]\n"run.strength_factor" = [0.8, -1.0]\n')
-    assert main(["check", str(scene), "--seconds", "0.01"]) == 2
+    assert main(["check", str(scene), "--measure", "0.01"]) == 2
     assert "strength_factor = -1: give" in capsys.readouterr().err
 
 

@@ -8,7 +8,7 @@ import pytest
 import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED
 from cooperative.__main__ import main
-from cooperative.scene import built, check_samples, parse
+from cooperative.scene import built, check_cells, parse
 from tests.cooperative.scene.test_random_soil import changed
 
 STRONG, WEAK = mpm.FrictionalSoil(20e3, 20.0), mpm.FrictionalSoil(0.0, 10.0)
@@ -71,7 +71,7 @@ SEAM = changed(LAYERED, ("strength = { mean = 40e3, cov = 0.1 }", "strength = { 
 
 def test_a_campaign_asks_about_a_seam_too_thin_for_its_refined_grid():
     with pytest.raises(ValueError, match=r"is 1 m thick, 1 cells of 1 m, .* cells of at most 0.5 m.* unusual = true"):
-        check_samples(parse(SEAM))
+        check_cells(parse(SEAM))
     finer = changed(SEAM, ("cell = 1.0\nspacing = [0.5, 0.5]", "cell = 0.5\nspacing = [0.25, 0.25]"))
     declared = changed(SEAM, ("[soil]", "[soil]\nunusual = true"))
     for text in (finer, declared):
@@ -83,7 +83,7 @@ def test_a_campaign_asks_about_a_seam_too_thin_for_its_refined_grid():
 def test_check_gives_the_cells_of_every_layer(tmp_path, capsys):
     path = tmp_path / "scene.toml"
     path.write_text(changed(SEAM, ("[soil]", "[soil]\nunusual = true")))
-    assert main(["check", str(path), "--seconds", "0.1"]) == 0
+    assert main(["check", str(path), "--measure", "0.1"]) == 0
     row = "1 m thick: 0.5 rough cells, 1 refined cells; a weak layer, too strong on the rough and the refined"
     assert row in capsys.readouterr().out
 

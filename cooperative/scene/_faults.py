@@ -1,0 +1,150 @@
+"""All that is wrong with a scene's file, in one reading.
+
+What depends on a value that will not do cannot be checked. The rest of the scene can, with an example in its place.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from cooperative.scene import tables
+from cooperative.scene._campaign import Campaign
+from cooperative.scene._files import to_toml
+from cooperative.scene._typed import read_scene, with_files
+from cooperative.scene._variants import campaigns_of
+from cooperative.store import Source
+from jaxmpm.support.check import Faults, faults_of
+
+ROUNDS = 4
+"""Times that a scene is read again with examples in place of what will not do."""
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+
+
+def check_scene(path: Path, then: Callable[[Campaign], None], *, outside: bool = False) -> list[Campaign]:
+    """The campaigns of a scene's file, once all that can be wrong with it has been looked for.
+
+    Args:
+        path: of the scene.
+        then: checks a campaign further.
+        outside: whether the scene may name files outside its folder.
+
+    Returns:
+        The campaign, of a sweep all.
+
+    Raises:
+        Faults: all that is wrong. Faults that may come of an example are left out: those that name its key.
+    """
+
+    def checked(source: Source, *, further: bool = True) -> list[Campaign]:
+        campaigns = campaigns_of(source)
+        for campaign in campaigns if further else ():
+            then(campaign)
+        return campaigns
+
+    try:
+        return checked(read_scene(path, outside=outside))
+    except Faults as error:
+        faults = list(error.faults)
+    given, replaced, unusual = _tables(path), set[str](), False
+    for _ in range(ROUNDS):
+        if given is None or not (names := _with_examples(given)):
+            if given is None or not (names := _on_purpose(given, faults)):
+                break
+            unusual = True  # the size of a campaign then follows from a number that is not meant
+        replaced |= names
+        try:
+            checked(with_files(to_toml(given), path.parent, outside=outside), further=not unusual)
+        except (ValueError, OSError) as error:
+            more = faults_of(error) if isinstance(error, ValueError) else ()
+            faults += [each for each in more if each not in faults and not _named(each, replaced)]
+    raise Faults(faults)
+
+
+def _tables(path: Path) -> dict[str, object] | None:
+    """The tables of a scene's file, to be changed; None where it keeps its files itself."""
+    read = deepcopy(dict(Source(path.read_text(encoding="utf-8-sig")).tables))
+    return None if "files" in read else read
+
+
+def _named(fault: str, keys: set[str]) -> bool:
+    return any(re.search(rf"\b{re.escape(key)}s?\b", fault) for key in keys)
+
+
+def _on_purpose(given: dict[str, object], faults: Sequence[str]) -> set[str]:
+    """Let the soil of a scene be unusual, where a number of it is.
+
+    given: tables of a scene, which change. Returns the keys of these numbers; none where nothing changes.
+    """
+    soil = given.get("soil")
+    unusual = [each for each in faults if "unusual = true" in each]
+    if not unusual or not isinstance(soil, dict) or soil.get("unusual"):
+        return set()
+    soil["unusual"] = True
+    return {re.split(r"[^\w]+", each.partition(" = ")[0])[-1] for each in unusual}
+
+
+def _with_examples(given: dict[str, object]) -> set[str]:
+    """Put an example in the place of each value that its key cannot have, and leave out keys that are not known.
+
+    given: tables of a scene, which change.
+
+    Returns:
+        The keys; none where no value is at fault, or one is that no example can replace.
+    """
+    try:
+        TypeAdapter(tables.Scene).validate_python(given)
+    except ValidationError as error:
+        found = [_replaced(given, fault) for fault in error.errors(include_url=False)]
+        return set() if None in found else {key for key in found if key is not None}
+    return set()
+
+
+def _replaced(given: dict[str, object], fault: ErrorDetails) -> str | None:
+    """Mend one fault of a scene's tables.
+
+    Returns:
+        The key at fault; None where there is no example for it.
+    """
+    kind: type[tables.Keyed] | None = tables.Scene
+    at: object = given
+    for part, following in _steps(fault["loc"]):
+        if isinstance(at, Sequence) and not isinstance(at, str) and isinstance(part, int):
+            at = at[part]
+            continue
+        if not isinstance(at, dict) or kind is None or not isinstance(part, str):
+            continue
+        field = tables.keys(kind).get(part)
+        if field is None:
+            if fault["type"] in UNKNOWN and not following:
+                at.pop(part, None)
+                return part
+            continue  # determines which of the types of a union it is
+        inner = tables.table_in(field)
+        if inner is not None and isinstance(at.get(part), Mapping | list) and following:
+            at, kind = at[part], inner
+            continue
+        if not field.is_required():
+            at.pop(part, None)
+        elif (example := _example(field.examples)) is not None:
+            at[part] = example
+        else:
+            return None
+        return part
+    return None
+
+
+def _steps(location: tuple[int | str, ...]) -> list[tuple[int | str, bool]]:
+    """Parts of where a fault lies, each with whether others follow it."""
+    return [(part, number + 1 < len(location)) for number, part in enumerate(location)]
+
+
+def _example(examples: Sequence[object] | None) -> object:
+    """A value of a key that stands for no shape: a number, a text, or one number for each axis."""
+    example = examples[0] if examples else None
+    return None if isinstance(example, list) and any(isinstance(each, list) for each in example) else example
