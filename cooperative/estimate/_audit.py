@@ -40,7 +40,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammainc
+from scipy.special import pdtrc
 
 from cooperative.estimate._protocol import Answers, Population
 from cooperative.estimate._ranking import next_refined, stopping_rank
@@ -110,7 +110,7 @@ class Surprise:
     @property
     def misled(self) -> bool:
         """Whether more failed than the ranks allow for."""
-        return bool(gammainc(self.failed, self.expected) < RARELY)
+        return bool(self.failed and pdtrc(self.failed - 1, self.expected) < RARELY)
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,6 @@ class AuditTotal:
         total: the estimate.
         variance: of the audit alone; nan without draws.
         effective_draws: how many equal residuals would scatter as much, the degrees of freedom of `variance`.
-        doubt: the variance that the final model expects of the same draws, which does not vanish when they happen to
-            meet no failure.
         beyond: mean square of the draws about the total over what the model of their wave expected.
         by_group: the total of each group (G,).
     """
@@ -130,7 +128,6 @@ class AuditTotal:
     total: float
     variance: float
     effective_draws: float
-    doubt: float
     beyond: float
     by_group: np.ndarray
 
@@ -244,15 +241,15 @@ def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
         waves: complete ones.
         outcome: 0, 1 or nan by rank (N,).
     """
-    drawn, failed, expected = 0, 0, 0.0
+    if not waves:
+        return Surprise(0, 0, 0.0)
+    ranks = np.concatenate([wave.ranks for wave in waves])
+    model = np.concatenate([wave.model[wave.ranks] for wave in waves])
+    far = (model < FAR_DOWN) & ~np.isnan(outcome[ranks])
     stands = np.flatnonzero(outcome == 0)
     highest = stands[0] if stands.size else outcome.size
-    for wave in waves:
-        far = wave.ranks[(wave.model[wave.ranks] < FAR_DOWN) & ~np.isnan(outcome[wave.ranks])]
-        drawn += far.size
-        failed += int(outcome[far[far > highest]].sum())
-        expected += float(wave.model[far].sum())
-    return Surprise(drawn, failed, expected)
+    failed = int(outcome[ranks[far & (ranks > highest)]].sum())
+    return Surprise(int(far.sum()), failed, float(model[far].sum()))
 
 
 def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray, *, shared: bool = False) -> float:
@@ -311,6 +308,20 @@ def draw_variance(wave: Wave, model: np.ndarray, weight: np.ndarray) -> float:
     return float((weight[open_] ** 2 * (p * (1 - p) + (p - expected) ** 2) * (1 / wave.chance[open_] - 1)).sum())
 
 
+def model_variance(waves: Sequence[Wave], share: np.ndarray, *, model: np.ndarray, weight: np.ndarray) -> float:
+    """Variance that a model expects of the draws, which does not vanish when they happen to meet no failure.
+
+    Args:
+        waves: complete ones, in order.
+        share: of each draw in the mean (draws,), in proportion.
+        model: probability of failure of each sample (N,).
+        weight: share of all samples (N,).
+    """
+    firsts = np.cumsum([0, *(wave.ranks.size for wave in waves)])[:-1]
+    squares = np.add.reduceat(share**2, firsts) / share.sum() ** 2
+    return float(squares @ [draw_variance(wave, model, weight) for wave in waves])
+
+
 def audit_total(
     waves: Sequence[Wave],
     outcome: np.ndarray,
@@ -342,7 +353,7 @@ def audit_total(
     value[certain] = np.where(np.isnan(outcome[certain]), model[certain], outcome[certain])
     each, foreseen = np.empty(count), np.empty(count)
     by_group: np.ndarray = np.zeros(groups)
-    doubt, at = 0.0, 0
+    at = 0
     for wave in waves:
         ranks = wave.ranks
         section = share[at : at + ranks.size]
@@ -355,14 +366,13 @@ def audit_total(
         by_group = by_group + section.sum() * before
         by_group += np.bincount(group[ranks], residual * (section / wave.probability + later), groups)
         foreseen[at : at + ranks.size] = draw_variance(wave, wave.model, weight)
-        doubt += float(section @ section) * draw_variance(wave, model, weight)
         seen[ranks] = True
         value[ranks] = drawn
         at += ranks.size
     if seen.all() or not count:
         by_group = np.bincount(group, weight * np.where(seen, value, model), groups)
         exact = 0.0 if seen.all() else np.nan
-        return AuditTotal(float(by_group.sum()), exact, np.inf if seen.all() else 0.0, exact, 1.0, by_group)
+        return AuditTotal(float(by_group.sum()), exact, np.inf if seen.all() else 0.0, 1.0, by_group)
     total = float(share @ each)
     squares = (share * (each - total)) ** 2
     spread = float(squares.sum())
@@ -370,7 +380,6 @@ def audit_total(
         total=total,
         variance=spread / (1 - float(share @ share)),
         effective_draws=spread**2 / float(squares @ squares) if spread > 0 else float(count),
-        doubt=doubt,
         beyond=float(np.mean((each - total) ** 2 / np.where(foreseen > 0, foreseen, np.inf))),
         by_group=by_group,
     )

@@ -226,14 +226,14 @@ def count_interval(
     if share == 1:
         return 1 - exact_limit(samples, level), 1.0
     tail = 0.5 - level / 2
-    if failed < RARE:
+    if 0 < failed < RARE:
         low = min(low, float(betaincinv(failed, failed / share - failed + 1, tail)))
-    if stand < RARE:
+    if 0 < stand < RARE:
         high = max(high, float(betainccinv(stand / (1 - share) - stand + 1, stand, tail)))
     # The seen ones are failures for certain, whatever the estimate makes of their weights.
-    if seen[0] < RARE and among < np.inf:
+    if 0 < seen[0] < RARE and among < np.inf:
         low = min(max(low, float(betaincinv(seen[0], among - seen[0] + 1, tail))), share)
-    if seen[1] < RARE and among < np.inf:
+    if 0 < seen[1] < RARE and among < np.inf:
         high = max(min(high, float(betainccinv(among - seen[1] + 1, seen[1], tail))), share)
     return low, high
 

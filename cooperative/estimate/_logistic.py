@@ -20,19 +20,22 @@ def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[
         failed: 0 or 1 (n,).
         centre: score at which the model is centred.
     """
-    features = np.stack([np.ones_like(score), score - centre])
-    mean, precision = np.array([0.0, 4.0]), np.array([1 / 9, 1 / 4])
-    beta = mean.copy()
+    x = score - centre
+    a, b = 0.0, 4.0
     for _ in range(50):
-        p = expit(beta @ features)
-        gradient = features @ (failed - p) - precision * (beta - mean)
-        step = np.linalg.solve((features * (p * (1 - p))) @ features.T + np.diag(precision), gradient)
-        step *= min(1.0, 2.0 / max(float(np.abs(step).max()), 1e-300))
-        new = np.array([beta[0] + step[0], max(beta[1] + step[1], 0.3)])
-        change, beta = np.abs(new - beta).max(), new
-        if change < 1e-8:
+        p = expit(a + b * x)
+        off, weight = failed - p, p * (1 - p)
+        # Gradient and curvature of the two coefficients: the system is solved by Cramer's rule.
+        of_a, of_b = float(off.sum()) - a / 9, float(off @ x) - (b - 4.0) / 4
+        slant = weight * x
+        aa, ab, bb = float(weight.sum()) + 1 / 9, float(slant.sum()), float(slant @ x) + 1 / 4
+        determinant = aa * bb - ab * ab
+        step_a, step_b = (bb * of_a - ab * of_b) / determinant, (aa * of_b - ab * of_a) / determinant
+        shorter = min(1.0, 2.0 / max(abs(step_a), abs(step_b), 1e-300))
+        before, a, b = (a, b), a + shorter * step_a, max(b + shorter * step_b, 0.3)
+        if max(abs(a - before[0]), abs(b - before[1])) < 1e-8:
             break
-    return float(beta[0]), float(beta[1])
+    return a, b
 
 
 def predict_logistic(coefficients: tuple[float, float], score: np.ndarray, centre: float) -> np.ndarray:

@@ -26,6 +26,7 @@ stage: Cui, Hung and Wang (1999), Biometrics 55, 853-857, DOI 10.1111/j.0006-341
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +43,7 @@ from cooperative.estimate._audit import (
     draw_variance,
     draw_wave,
     even_share,
+    model_variance,
     surprise,
     unseen,
 )
@@ -97,7 +99,7 @@ def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> lis
     Raises:
         ValueError: a plan or population that makes no sense.
     """
-    replay = _replay(population, refined, plan)
+    replay = _gone_through(population, refined, plan)
     return [int(sample) for sample in replay.order[replay.missing]]
 
 
@@ -126,14 +128,13 @@ def two_phase(population: Population, refined: Answers, plan: AuditPlan, *, leve
         >>> len(answers), low <= 0.115 <= high  # of the normal distribution beyond 1.2
         (40, True)
     """
-    return _estimate(population, _replay(population, refined, plan), plan, level)
+    return _estimate(population, _gone_through(population, refined, plan), plan, level)
 
 
 def path(population: Population, refined: Answers, plan: AuditPlan) -> list[Estimate]:
     """The estimate after every complete wave, first to last: how it came to where it is."""
-    whole = _replay(population, refined, plan)
-    replays = [_replay(population, refined, plan, most_waves=count) for count in range(1, len(whole.waves))]
-    return [_estimate(population, replay, plan) for replay in [*replays, whole][: len(whole.waves)]]
+    last = {len(replay.waves): replay for replay in _replays(population, refined, plan)}
+    return [_estimate(population, replay, plan) for waves, replay in last.items() if waves]
 
 
 def sample_weights(population: Population, refined: Answers, plan: AuditPlan) -> dict[int, float]:
@@ -147,7 +148,7 @@ def sample_weights(population: Population, refined: Answers, plan: AuditPlan) ->
         refined: sample -> whether it failed on the refined grid, None for a run that gave no answer.
         plan: of the audit.
     """
-    replay = _replay(population, refined, plan)
+    replay = _gone_through(population, refined, plan)
     count, nothing = replay.order.size, np.zeros(replay.order.size)
     waves = [replace(wave, model=nothing) for wave in replay.waves]
     answered = np.where(np.isnan(replay.outcome), 0.0, 1.0)
@@ -167,15 +168,33 @@ def failures(population: Population, refined: Answers, plan: AuditPlan) -> Failu
         refined: sample -> whether it failed on the refined grid, None for a run that gave no answer.
         plan: of the audit.
     """
-    replay = _replay(population, refined, plan)
+    replay = _gone_through(population, refined, plan)
     position = np.argsort(replay.order)
     chance = np.where(np.isnan(replay.outcome), replay.model, replay.outcome)
     count = _audit(replay, np.arange(position.size)).by_group
     return Failures(population.numbers, replay.weight[position], chance[position], count[position])
 
 
-def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_waves: int | None = None) -> _Replay:
-    """Go through the campaign again, to its end or until so many waves are complete."""
+_latest: tuple[Population, dict[int, bool | None], AuditPlan, _Replay] | None = None
+
+
+def _gone_through(population: Population, refined: Answers, plan: AuditPlan) -> _Replay:
+    """`_replay`, once for estimate, weights and failures of the same results."""
+    global _latest
+    latest = _latest
+    if latest is None or latest[0] is not population or latest[2] != plan or latest[1] != refined:
+        _latest = latest = population, dict(refined), plan, _replay(population, refined, plan)
+    return latest[3]
+
+
+def _replay(population: Population, refined: Answers, plan: AuditPlan) -> _Replay:
+    """Go through the campaign again, to its end."""
+    *_, last = _replays(population, refined, plan)
+    return last
+
+
+def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Iterator[_Replay]:
+    """Go through the campaign again: before its first wave, after every complete one, and in one under way."""
     check_plan(plan)
     ranking = rank_samples(population.rough_displacement, population.broke_off)
     order, count, lost = ranking.order, ranking.order.size, ranking.broke_off.size
@@ -189,9 +208,11 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
     rare = population.replicate is not None
     score = normal_scores(weight, rare=rare)
     centre = rough_centre(population.rough_displacement[order], weight, population.failure_displacement, rare=rare)
-    results = [refined.get(int(sample), "missing") for sample in order]
-    there = np.array([answer != "missing" for answer in results])
-    value = np.array([np.nan if answer in (None, "missing") else float(answer) for answer in results])
+    # The answer of a run that broke off, None, becomes nan.
+    samples, results = np.fromiter(refined, int, len(refined)), np.array(list(refined.values()), float)
+    there, value = np.zeros(count, bool), np.full(count, np.nan)
+    there[samples], value[samples] = True, results
+    there, value = there[order], value[order]
     certain, missing = certainty_stratum(refined, plan, order, lost)
     shared, doubt, common, of_samples = population.shared, None, None, None
     if shared is not None:
@@ -217,7 +238,8 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
         return _Replay(order, weight, outcome, settled.copy(), certain, tuple(waves), share, missing, waiting, model)
 
     so_far = state()
-    while not missing.size and so_far.share.size < most and rest > SPENT and len(waves) != most_waves:
+    yield so_far
+    while not missing.size and so_far.share.size < most and rest > SPENT:
         remaining = most - so_far.share.size
         floor = even_share(plan, waves, so_far.outcome, shared=shared is not None)
         size = min(plan.wave(so_far.share.size), remaining)
@@ -236,7 +258,7 @@ def _replay(population: Population, refined: Answers, plan: AuditPlan, *, most_w
             shares.append(share)
             rest -= float(share.sum()) if plan.target_cov is not None else 0.0
         so_far = state()
-    return so_far
+        yield so_far
 
 
 def _wave_share(
@@ -262,11 +284,12 @@ def _wave_share(
     if drawn and size < left and so_far.alike is not False:
         # The estimate with shares by order is steadier while shares are few.
         so_far = replace(so_far, share=share_by_order(0, drawn))
-        estimate, beyond = _scattered(population, so_far, plan), _audit(so_far).beyond
+        audit = _audit(so_far, _groups(population, so_far))
+        estimate = _scattered(population, so_far, plan, audit)
         expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
         variance = draw_variance(wave, wave.model, so_far.weight)
         # Two waves at least.
-        needed = min(needed_share(plan.target_cov, estimate, expected, beyond, variance), 0.5 / plan.first_wave)
+        needed = min(needed_share(plan.target_cov, estimate, expected, audit.beyond, variance), 0.5 / plan.first_wave)
     return target_share(needed, rest, drawn=drawn, size=size, left=left)
 
 
@@ -325,9 +348,17 @@ def _audit(replay: _Replay, group: np.ndarray | None = None) -> AuditTotal:
     )  # fmt: skip
 
 
+def _groups(population: Population, replay: _Replay) -> np.ndarray | None:
+    """Replicate of each rank, 0 to G - 1; None for independent samples."""
+    if population.replicate is None:
+        return None
+    return np.unique(population.replicate[replay.order], return_inverse=True)[1]
+
+
 def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
     """The estimate by its scatter, or by the limit of runs that all ended alike."""
-    estimate, alike = _scattered(population, replay, plan, level), replay.alike
+    audit = _audit(replay, _groups(population, replay))
+    estimate, alike = _scattered(population, replay, plan, audit, level), replay.alike
     if replay.waiting:
         whole = replay.waiting + replay.missing.size
         note = f"{replay.waiting} of {whole} runs of the wave under way are back; they count once all are"
@@ -370,11 +401,11 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
     )
 
 
-def _scattered(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
-    weight, model, group = replay.weight, replay.model, None
-    if population.replicate is not None:
-        group = np.unique(population.replicate[replay.order], return_inverse=True)[1]
-    audit = _audit(replay, group)
+def _scattered(
+    population: Population, replay: _Replay, plan: AuditPlan, audit: AuditTotal, level: float = 0.95
+) -> Estimate:
+    """The estimate by the scatter of its draws."""
+    weight, model, grouped = replay.weight, replay.model, population.replicate is not None
     runs = replay.certain.size + sum(wave.ranks.size for wave in replay.waves)
     notes = []
     if unanswered := int(np.isnan(replay.outcome[replay.known]).sum()):
@@ -385,10 +416,10 @@ def _scattered(population: Population, replay: _Replay, plan: AuditPlan, level: 
         notes.append(f"{why}: the estimate is the model's")
         return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)
     variance, total = audit.variance, audit.total
-    if plan.target_cov is not None or group is not None:
+    if (plan.target_cov is not None or grouped) and not replay.known.all():
         # The scatter of few draws is combined with what the model expects of them.
-        draws = replay.share.size
-        variance = (draws * variance + PRIOR_DRAWS * audit.doubt) / (draws + PRIOR_DRAWS)
+        draws, expected = replay.share.size, model_variance(replay.waves, replay.share, model=model, weight=weight)
+        variance = (draws * variance + PRIOR_DRAWS * expected) / (draws + PRIOR_DRAWS)
     hidden = None
     if plan.proving:
         hidden = unseen(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
@@ -404,24 +435,22 @@ def _scattered(population: Population, replay: _Replay, plan: AuditPlan, level: 
         )
     chance = np.where(np.isnan(replay.outcome), model, replay.outcome)[np.argsort(replay.order)]
     sampling = first_variance(population, min(max(total, 0.0), 1.0), chance)
-    both, freedom = _whole_variance(audit, variance, sampling, group)
+    both, freedom = _whole_variance(audit, variance, sampling, grouped)
     return with_variance(
         "two-phase", total, both, runs, freedom=freedom, audit_variance=variance, level=level, notes=tuple(notes),
-        unseen=hidden, independent=np.inf if group is not None else float(population.independent),
+        unseen=hidden, independent=np.inf if grouped else float(population.independent),
         failed=float(np.nansum(replay.outcome)), stand=float(np.nansum(1 - replay.outcome)),
     )  # fmt: skip
 
 
-def _whole_variance(
-    audit: AuditTotal, variance: float, sampling: float, group: np.ndarray | None
-) -> tuple[float, float]:
+def _whole_variance(audit: AuditTotal, variance: float, sampling: float, grouped: bool) -> tuple[float, float]:
     """Variance of all phases and its degrees of freedom; `variance` is that of the audit, `sampling` of those before.
 
     Independent samples scatter binomially. Replicates of subset simulation show by their own scatter what chains,
     levels and audit do together, whatever depends on what within them (random groups; Wolter 2007, Introduction to
     Variance Estimation, Chapter 2).
     """
-    if group is not None:
+    if grouped:
         share = audit.by_group * audit.by_group.size
         return max(float(share.var(ddof=1)) / share.size, variance), share.size - 1.0
     both = variance + sampling

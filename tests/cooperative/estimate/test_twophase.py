@@ -301,3 +301,18 @@ def test_rough_runs_that_broke_off_may_be_many_where_all_samples_can_run_refined
     assert two_phase(population, answers, AuditPlan(runs=10)).probability == 0.5
     with pytest.raises(ValueError, match="6 rough runs broke off"):
         next_audit(population, {}, AuditPlan(runs=9))
+
+
+@pytest.mark.parametrize("target", [None, 0.2])
+def test_results_that_come_in_count_at_once_and_the_path_is_that_of_each_wave(target):
+    displacement, failed = pair(150, 0.2, 0.9, 3)
+    population, plan = Population(displacement), AuditPlan(runs=60, seed=3, target_cov=target)
+    results: dict[int, bool | None] = {}
+    met = []
+    while wanted := next_audit(population, results, plan):
+        # The same mapping and population, with other contents.
+        results |= {sample: bool(failed[sample]) for sample in wanted}
+        met.append(two_phase(population, results, plan))
+        assert met[-1] == two_phase(Population(displacement), dict(results), plan)
+    assert len(met) > 2
+    assert two_phase_module.path(population, results, plan) == met
