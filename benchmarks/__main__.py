@@ -1,11 +1,13 @@
 """`python -m benchmarks NAME [--json] [--quick] [--keep]`: run one, print its figures; `--keep` for RESULTS.md too.
 
-Without `--keep` no file of the repository changes."""
+Without `--keep` no file of the repository changes. `public` takes the folder of others' data by `--data`."""
 
 from __future__ import annotations
 
 import argparse
+import inspect
 import sys
+from pathlib import Path
 
 from benchmarks.measure import Report, as_json
 from benchmarks.results import BENCHMARKS, SHORT, keep, module, run_all
@@ -25,6 +27,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="smaller and coarser, to see that it runs")
     parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md and draw its pictures")
+    parser.add_argument("--data", type=Path, metavar="FOLDER", help="data of others that a benchmark compares with")
     arguments = parser.parse_args()
     if arguments.keep and arguments.quick:
         parser.error("--keep and --quick: RESULTS.md holds whole runs, leave one of them out")
@@ -32,7 +35,11 @@ def main() -> int:
         failed = run_all(SHORT)
         print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
         return 1 if failed else 0
-    report: Report = module(arguments.name).run(quick=arguments.quick)
+    run = module(arguments.name).run
+    given = {name: path for name in ("data",) if (path := getattr(arguments, name)) is not None}
+    for name in given.keys() - inspect.signature(run).parameters.keys():
+        parser.error(f"{arguments.name} takes no --{name}: leave it out")
+    report: Report = run(quick=arguments.quick, **given)
     answer = as_json(arguments.name, report)
     print(answer if arguments.json else _table(report))
     if arguments.keep:

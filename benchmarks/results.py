@@ -62,6 +62,7 @@ SHORT = {
 # Of hours, or about no answer of the solver: not part of `all`.
 LONG = {
     "campaign": "speed",
+    "public": "public",
     "robustness": "robustness",
     "stability_of_slopes": "sites",
     "runout_convergence": "accuracy",

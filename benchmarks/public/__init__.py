@@ -1,0 +1,1 @@
+"""Answers that others found: codes, experiments and closed forms."""

@@ -1,0 +1,92 @@
+"""Answers of other codes, of experiments and of closed forms beside ours, with what each took.
+
+The data stand in a folder that `--data` or JAXMPM_PUBLIC names, one folder a case; docs/trust.md says where their
+sources are. `difference` is ours over theirs less 1, unless the row has a unit. Rows that have been made stand in
+out/public, and a command that was stopped goes on behind them.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.public import dam_breaks, elastic, granular, slopes
+from benchmarks.public.rows import Row
+
+VARIABLE = "JAXMPM_PUBLIC"
+"""Environment variable that names the folder of the data."""
+
+FAMILIES: dict[str, Callable[[Path, bool], dict[str, Callable[[], list[Row]]]]] = {
+    "elastic": elastic.cases,
+    "dam breaks": dam_breaks.cases,
+    "granular": granular.cases,
+    "slopes": slopes.cases,
+}
+"""Cases by name, the cheapest families first: a function of the data's folder and of whether all is coarser."""
+
+FIGURES = (
+    "frank_travel_error_max",
+    "mangeney_front_error",
+    "bui_surface_rms",
+    "bui_front_error",
+    "cantilever_tip_error",
+    "slopes_2d_error_max",
+    "slopes_3d_error",
+    "exact_error_max",
+    "reliability_coverage_min",
+)
+"""Of the finest rows that name them the largest difference; of a least coverage the least value."""
+
+
+def folder(data: Path | None) -> Path:
+    """The folder of the data.
+
+    Args:
+        data: as the command line gives it; None for that of the environment.
+
+    Raises:
+        ValueError: If none is given, or it is no folder of them.
+    """
+    given = os.environ.get(VARIABLE) if data is None else str(data)
+    if not given:
+        raise ValueError(f"the data of others are not part of this project: give --data FOLDER or set {VARIABLE}")
+    found = Path(given)
+    if not (found / "cantilever").is_dir():
+        raise ValueError(f"{found} has no folder `cantilever`: give the folder that holds one folder a case")
+    return found
+
+
+def rows(data: Path, quick: bool) -> Iterator[Row]:
+    """All rows, those of finished cases from out/public."""
+    code = [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))]
+    stored = ROOT / "out" / "public" / code_digest(*code)
+    for family in FAMILIES.values():
+        for name, make in family(data, quick).items():
+            print(f"{name} ...", file=sys.stderr, flush=True)
+            yield from stored_row(stored, f"{name}{' quick' if quick else ''}", partial(_made, make))["rows"]
+
+
+def _made(make: Callable[[], list[Row]]) -> Row:
+    return {"rows": make()}
+
+
+def summarised(rows: list[Row]) -> Row:
+    """The figures; None without rows."""
+    values: Row = {}
+    for name in FIGURES:
+        counted = [row for row in rows if row["figure"] == name and row["finest"]]
+        if name.endswith("_min"):
+            values[name] = min((row["ours"] for row in counted), default=None)
+        else:
+            values[name] = max((abs(row["difference"]) for row in counted), default=None)
+    return values
+
+
+def run(quick: bool, data: Path | None = None) -> Report:
+    """All cases; `quick` on coarse cells."""
+    found = list(rows(folder(data), quick))
+    return Report(summarised(found), found)

@@ -1,0 +1,46 @@
+"""A row of the comparison: one quantity of a case, ours beside theirs."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+Row = dict[str, Any]
+
+
+def row(
+    case: str,
+    quantity: str,
+    ours: float,
+    theirs: float,
+    start: float,
+    *,
+    cell: float | None = None,
+    figure: str | None = None,
+    finest: bool = False,
+    difference: float | None = None,
+) -> Row:
+    """One quantity.
+
+    Args:
+        case: name.
+        quantity: with its unit.
+        ours: value here.
+        theirs: value of the source.
+        start: `time.perf_counter` at the start of the run.
+        cell: edge of the cells (m); None without a grid.
+        figure: of the benchmark that the quantity is part of; None for none.
+        finest: whether the row is of the finest cells of its case, which count for the figure.
+        difference: in the unit of the quantity; None for ours over theirs less 1.
+    """
+    return {
+        "case": case,
+        "cell_m": cell,
+        "quantity": quantity,
+        "ours": float(f"{ours:.6g}"),
+        "theirs": float(f"{theirs:.6g}"),
+        "difference": float(f"{ours / theirs - 1 if difference is None else difference:.4g}"),
+        "seconds": round(time.perf_counter() - start, 1),
+        "figure": figure,
+        "finest": finest,
+    }

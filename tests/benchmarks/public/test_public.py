@@ -1,0 +1,109 @@
+"""Comparisons with public answers: what is compared with what. The answers themselves stand outside the project."""
+
+import json
+import math
+import sys
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.__main__ import main
+from benchmarks.public import dam_breaks, elastic, public, slopes
+from benchmarks.public.rows import row
+
+
+def test_data_are_named_by_the_command_or_the_environment(tmp_path, monkeypatch):
+    monkeypatch.delenv(public.VARIABLE, raising=False)
+    with pytest.raises(ValueError, match="give --data FOLDER or set JAXMPM_PUBLIC"):
+        public.folder(None)
+    with pytest.raises(ValueError, match="has no folder `cantilever`"):
+        public.folder(tmp_path)
+    (tmp_path / "cantilever").mkdir()
+    monkeypatch.setenv(public.VARIABLE, str(tmp_path))
+    assert public.folder(None) == tmp_path
+
+
+def test_a_benchmark_without_data_of_others_refuses_them(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "size", "--data", "somewhere"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "size takes no --data: leave it out" in capsys.readouterr().err
+
+
+def test_figures_are_of_the_finest_rows_that_name_them():
+    rows = [
+        row("a", "q", 1.1, 1.0, 0.0, figure="exact_error_max", finest=False),
+        row("a", "q", 0.98, 1.0, 0.0, figure="exact_error_max", finest=True),
+        row("b", "q", 0.94, 0.95, 0.0, figure="reliability_coverage_min", finest=True),
+    ]
+    values = public.summarised(rows)
+    assert values["exact_error_max"] == pytest.approx(0.02)
+    assert values["reliability_coverage_min"] == 0.94
+    assert values["bui_front_error"] is None
+
+
+@given(st.floats(0.1, 100.0), st.floats(0.0, 35.0), st.floats(0.0, 1.0), st.floats(0.5, 20.0))
+def test_mangeneys_fan_holds_the_volume_that_has_left_the_reservoir(h0, slope, share, t):
+    friction = math.atan(share * math.tan(math.radians(slope)))
+    theta, gravity = math.radians(slope), 9.81
+    c0 = math.sqrt(gravity * h0 * math.cos(theta))
+    m = gravity * (math.sin(theta) - math.cos(theta) * math.tan(friction))
+    known = {"c0_m_s": c0, "m_m_s2": m, "h0_m": h0, "slope_deg": slope}
+    tail, front = m * t**2 / 2 - c0 * t, m * t**2 / 2 + 2 * c0 * t
+    x = np.linspace(tail, front, 20_001)
+    depth = dam_breaks.depth_of(known, gravity, x, t)
+    assert np.trapezoid(depth, x) == pytest.approx(h0 * c0 * t, rel=1e-6)
+
+
+def test_stokers_middle_depth_is_that_of_its_polynomial():
+    assert dam_breaks.middle_depth(0.5, 0.025, 9.81) == pytest.approx(0.15504, abs=1e-5)
+    assert dam_breaks.middle_depth(1.0, 0.1, 9.81) == pytest.approx(0.39617, abs=1e-5)
+
+
+def test_davis_b_leaves_the_strength_of_associated_soil():
+    assert slopes.davis(6e3, 45.0, 1.0) == pytest.approx((4242.64, 35.2644), rel=1e-5)
+    assert slopes.davis(6e3, 45.0, 1.2113) == pytest.approx((3819.84, 32.48244), rel=1e-5)
+
+
+@given(st.floats(0.5, 2.0), st.floats(0.6, 1.5))
+def test_the_multiplier_at_the_limit_is_found(root, power):
+    assert slopes.at_limit(lambda m: (root / m) ** power, 1.0, tries=6) == pytest.approx(root, rel=3e-3 / power)
+
+
+def test_zones_are_ordered_from_the_top_down(tmp_path):
+    square = [[0, 0], [10, 0], [10, 4], [0, 4]]
+    wedge = [[0, 4], [10, 4], [0, 8]]
+    soil = {"c_Pa": 1e3, "phi_deg": 30.0, "unit_weight_saturated_N_m3": 2e4}
+    given = {
+        "exterior_xz_m": [[[0, 0], [10, 0], [10, 4], [0, 8]]],
+        "zones": [{"rings_xz_m": [square]}, {"rings_xz_m": [wedge]}],
+        "soil": [soil | {"zone": "low"}, soil | {"zone": "high"}],
+    }
+    (tmp_path / "slopes_petsc").mkdir()
+    (tmp_path / "slopes_petsc" / "kozinec_2d.json").write_text(json.dumps(given))
+    strata = slopes.kozinec(tmp_path)
+    assert [each["zone"] for each in strata.soils] == ["high", "low"]
+    assert strata.section.surface == [(0.0, pytest.approx(8)), (10.0, pytest.approx(4, abs=1e-5))]
+    assert {z for _, z in strata.bottoms[0]} == {4.0}
+
+
+@pytest.mark.parametrize("stretch", [0.6, 0.9, 1.3, 2.0])
+def test_the_neo_hookean_law_gives_the_stress_of_a_stretch_reached_in_steps(stretch):
+    bulk, modulus = 8e5, 4e5
+    with jax.enable_x64(True):
+        law = elastic.NeoHookean(np.float64(bulk), np.float64(modulus))
+        stress, ratio = tuple(np.zeros(1) for _ in range(6)), np.ones(1)
+        steps = 20
+        f = stretch ** (1 / steps) - 1
+        for _ in range(steps):
+            stress, ratio = law.update((f, 0.0, 0.0, 0.0, 0.0, 0.0), stress, ratio)
+        stress, ratio = np.asarray(stress), np.asarray(ratio)
+    assert float(ratio[0]) == pytest.approx(stretch, rel=1e-9)
+    lame = bulk - 2 * modulus / 3
+    along = (modulus * (stretch**2 - 1) + lame * math.log(stretch)) / stretch
+    across = lame * math.log(stretch) / stretch
+    assert float(stress[0][0]) == pytest.approx(along, rel=1e-6, abs=1)
+    assert float(stress[2][0]) == pytest.approx(across, rel=1e-6, abs=1)
