@@ -17,6 +17,7 @@ from jaxmpm.seepage._boundary import (
 from jaxmpm.seepage._cells import Cells, Faces, Side, cells, cells_under
 from jaxmpm.seepage._march import Flow, Record, Status, hydrostatic, infiltration, replay, run, steady
 from jaxmpm.seepage._sample import Heads
+from jaxmpm.seepage._series import RATES, TIMES, quantity, read_hyetograph, read_levels
 from jaxmpm.seepage._soil import (
     CARSEL_PARRISH,
     Gardner,
@@ -30,9 +31,12 @@ from jaxmpm.seepage._soil import (
     zoned,
 )
 from jaxmpm.seepage._step import Problem, problem
+from jaxmpm.seepage._table import HeadsAt, PressureInTime, PressureTable, TableHeads, read_pressure
 
 __all__ = [
     "CARSEL_PARRISH",
+    "RATES",
+    "TIMES",
     "AtSide",
     "Cells",
     "Condition",
@@ -42,15 +46,19 @@ __all__ = [
     "Flow",
     "Gardner",
     "Heads",
+    "HeadsAt",
     "Held",
     "Open",
     "Places",
+    "PressureInTime",
+    "PressureTable",
     "Problem",
     "Record",
     "Retention",
     "Series",
     "Side",
     "Status",
+    "TableHeads",
     "VanGenuchten",
     "cells",
     "cells_under",
@@ -63,6 +71,10 @@ __all__ = [
     "moist_weight",
     "open_face",
     "problem",
+    "quantity",
+    "read_hyetograph",
+    "read_levels",
+    "read_pressure",
     "replay",
     "run",
     "soil_class",
