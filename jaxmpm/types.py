@@ -114,7 +114,8 @@ class Boundary:
         walls: planes that constrain nodes; static.
         friction: coefficient of walls with friction and of the base, a number or (nodes,); None for none.
         cohesion: of those (Pa), likewise.
-        pressure: (nodes,) pressure of the water between these walls and the soil (Pa); None for none.
+        pressure: (nodes,) pressure of the water between these walls and the soil (Pa), below 0 under suction; None for
+            none.
         tied: numbers of two planes of nodes along x that are identified: particles and waves that leave at one enter at
             the other; None for none; static.
         cut: (nodes,) bool, nodes beyond the edge of ground of any shape, at which nothing moves; None if walls are all.
@@ -136,7 +137,7 @@ class Boundary:
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "friction": from_zero(),
         "cohesion": from_zero("Pa"),
-        "pressure": from_zero("Pa"),
+        "pressure": Limit(unit="Pa"),
         "softening": from_zero(),
     }
 

@@ -16,6 +16,7 @@ from jaxmpm.seepage._boundary import (
 )
 from jaxmpm.seepage._cells import Cells, Faces, Side, cells, cells_under
 from jaxmpm.seepage._march import Flow, Record, Status, hydrostatic, infiltration, replay, run, steady
+from jaxmpm.seepage._rest import suction_pressure, with_pressure
 from jaxmpm.seepage._sample import Heads
 from jaxmpm.seepage._series import RATES, TIMES, quantity, read_hyetograph, read_levels
 from jaxmpm.seepage._soil import (
@@ -79,7 +80,9 @@ __all__ = [
     "run",
     "soil_class",
     "steady",
+    "suction_pressure",
     "suction_stress",
     "van_genuchten",
+    "with_pressure",
     "zoned",
 ]
