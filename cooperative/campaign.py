@@ -8,6 +8,7 @@ Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413,
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager, nullcontext
@@ -32,6 +33,7 @@ from cooperative.scene import (
 from cooperative.store import (
     COARSE,
     MOVING,
+    SCORES,
     SLIDES,
     Rows,
     Sample,
@@ -39,6 +41,8 @@ from cooperative.store import (
     Store,
     open_store,
     restart_path,
+    store_text,
+    stored_text,
     write_sample,
 )
 from cooperative.summary import Summary, slides_of
@@ -230,7 +234,7 @@ def _opened(
 
 
 def draw(runner: Runner) -> Findings:
-    """Draw the first samples of the rough grid; where there is a coarse grid, all run there first.
+    """Draw the first samples of the rough grid; where there is a coarse grid, all run there first, or are ranked.
 
     Args:
         runner: of the campaign.
@@ -242,10 +246,12 @@ def draw(runner: Runner) -> Findings:
 
 
 def _zones(runner: Runner) -> dict[int, Zone] | None:
-    """What each sample of the rough grid stands for, by number, as the coarse grid draws them; None without one."""
+    """What each sample of the rough grid stands for, by number, as the coarse phase draws them; None without one."""
     campaign = runner.campaign
     if campaign.coarse is None:
         return None
+    if campaign.rank is not None:
+        return runs.draw_by(campaign, runs.screened_by(_scores(runner)))
     results = runner.rows(COARSE).results
     samples, coefficients = campaign.plan.samples, runs.sampling_of(campaign).draw()
     with runner.bar("coarse grid", samples, len(results)) as bar:
@@ -255,6 +261,18 @@ def _zones(runner: Runner) -> dict[int, Zone] | None:
             results[sample.number] = sample.result
             bar.update()
     return runs.draw_by(campaign, results)
+
+
+def _scores(runner: Runner) -> np.ndarray:
+    """The scores of all samples, which the folder keeps: a campaign that goes on has the same ones."""
+    campaign, store = runner.campaign, runner.store
+    kept = stored_text(store.folder, SCORES)
+    if kept is None:
+        with runner.stop.at_once():
+            scores = runs.scores_of(campaign, runs.sampling_of(campaign).draw())
+        kept = json.dumps([None if np.isnan(score) else score for score in scores.tolist()])
+        store_text(store, SCORES, kept)
+    return np.array(json.loads(kept), float)
 
 
 def screen(runner: Runner, findings: Findings) -> Findings:

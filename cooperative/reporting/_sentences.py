@@ -32,7 +32,8 @@ def words(results: Results) -> str:
         ends = " to ".join(map(number, other.interval))
         lines.append(f"  by {method:<20} {number(other.probability)}  ({ends})")
     if cost.coarse_samples is not None:
-        lines.append(f"  coarse grid    {cost.coarse_samples} samples; each of those below stands for a zone of ranks")
+        what = "coarse grid    " if cost.ranked_by is None else f"{cost.ranked_by}: "
+        lines.append(f"  {what}{cost.coarse_samples} samples; each of those below stands for a zone of ranks")
     lines += [
         f"  rough grid     {cost.samples} samples, {pf.failures_rough} beyond the failure displacement, "
         f"{cost.seconds['rough']:.0f} s",
@@ -107,13 +108,15 @@ def in_slopes(chance: float) -> str:
 
 
 def screened(summary: Summary) -> str:
-    """How many samples ran on the rough grid, and on the coarse one before it."""
+    """How many samples ran on the rough grid, and on the coarse one before it, or were ranked."""
     cost = summary.cost
     if cost.coarse_samples is None:
         return f"{cost.samples} random slopes ran on the rough grid"
+    first = "ran on the coarse grid" if cost.ranked_by is None else f"were ranked by {cost.ranked_by}"
+    ran = "" if cost.ranked_by is None else "ran "
     return (
-        f"{cost.coarse_samples} random slopes ran on the coarse grid, {cost.samples} of them, each drawn from a "
-        "zone of its ranks, on the rough grid"
+        f"{cost.coarse_samples} random slopes {first}, {cost.samples} of them, each drawn from a zone of its ranks, "
+        f"{ran}on the rough grid"
     )
 
 

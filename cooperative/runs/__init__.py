@@ -22,7 +22,17 @@ from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._reach import Reach, reach_of, warnings_of
 from cooperative.runs._restart import Frames
 from cooperative.runs._samples import COLUMNS, GROUND, finished, run_samples
-from cooperative.runs._sampling import coefficients_of, draw_by, phases_of, row_of, samples_of, sampling_of
+from cooperative.runs._sampling import (
+    coefficients_of,
+    draw_by,
+    name_of_rank,
+    phases_of,
+    row_of,
+    samples_of,
+    sampling_of,
+    scores_of,
+    screened_by,
+)
 from cooperative.runs._size import (
     Cost,
     GridSize,
@@ -76,6 +86,7 @@ __all__ = [
     "machine",
     "memory_mappings",
     "missing_device",
+    "name_of_rank",
     "packed",
     "phases_of",
     "process_pool",
@@ -91,6 +102,8 @@ __all__ = [
     "run_through",
     "samples_of",
     "sampling_of",
+    "scores_of",
+    "screened_by",
     "seconds_per_step",
     "set_flags",
     "soil_of",

@@ -11,6 +11,7 @@ from cooperative.estimate import Phases, Sampling, Screened, Zone, all_samples, 
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.scene import Campaign, FromScript
 from cooperative.store import Rows
+from jaxmpm.support.text import short
 
 COLUMNS_OF_ZONES = {
     "zone_weight": "weight",
@@ -39,7 +40,7 @@ def sampling_of(campaign: Campaign, zones: Mapping[int, Zone] | None = None) -> 
 
     Args:
         campaign: the campaign.
-        zones: what each rough sample stands for, where the campaign has a coarse grid.
+        zones: what each rough sample stands for, where the campaign has a coarse phase.
     """
     return Sampling(
         campaign.plan.samples,
@@ -54,7 +55,7 @@ def sampling_of(campaign: Campaign, zones: Mapping[int, Zone] | None = None) -> 
 
 
 def samples_of(campaign: Campaign) -> int | None:
-    """Samples of the first phase, on the coarse grid where there is one.
+    """Samples of the first phase, of the coarse one where there is one.
 
     None where the estimator of a script, which alone knows, is not here.
 
@@ -85,14 +86,59 @@ def draw_by(campaign: Campaign, coarse: Screened) -> dict[int, Zone]:
     """The samples that run on the rough grid, drawn by the coarse one: number -> what it stands for.
 
     Args:
-        campaign: with a coarse grid.
-        coarse: results of all samples there.
+        campaign: with a coarse phase.
+        coarse: results of all samples there: displacements, or scores.
     """
     plan = campaign.plan
     assert plan.rough_samples is not None
     population = all_samples(Sampling(plan.samples, campaign.run.failure_displacement), coarse)
     assert population is not None
     return draw_samples(population, plan.rough_samples, plan.seed)
+
+
+def scores_of(campaign: Campaign, coefficients: np.ndarray) -> np.ndarray:
+    """What the campaign's rank makes of its samples (samples,), nan where it has no answer.
+
+    Args:
+        campaign: whose coarse phase is a function.
+        coefficients: of all samples (samples, modes).
+
+    Raises:
+        ValueError: it gives no number for each sample.
+    """
+    campaign.require("coarse")
+    rank = campaign.rank
+    assert callable(rank)
+    scores = np.asarray(rank(campaign, coefficients))
+    if scores.shape != coefficients.shape[:1] or scores.dtype.kind not in "buif" or np.isinf(scores).any():
+        raise ValueError(
+            f"coarse = {short(repr(rank), 200)} gives {scores.dtype} numbers of shape {scores.shape}, "
+            f"{int(np.isinf(scores).sum()) if scores.dtype.kind == 'f' else 0} of them infinite: give one finite number"
+            f" for each of the {len(coefficients)} samples, the larger the likelier it fails, or nan for no answer"
+        )
+    return scores.astype(float)
+
+
+def name_of_rank(campaign: Campaign) -> str | None:
+    """Name of the function that ranks samples in place of a coarse grid, None for none.
+
+    Args:
+        campaign: the campaign.
+    """
+    rank = campaign.rank
+    if isinstance(rank, FromScript):
+        return rank.words.partition("(")[0]
+    own = rank if rank is None or hasattr(rank, "__qualname__") else type(rank)
+    return None if own is None else short(f"{own.__module__}.{own.__qualname__}", 200)
+
+
+def screened_by(scores: np.ndarray) -> Screened:
+    """Scores as results of a coarse grid: a sample without one leads the ranks, as a run that broke off does.
+
+    Args:
+        scores: of all samples (samples,).
+    """
+    return {number: (float(score), bool(np.isnan(score))) for number, score in enumerate(scores)}
 
 
 def row_of(zone: Zone) -> dict[str, float | int]:
@@ -108,7 +154,7 @@ def zones_of(rough: Rows) -> dict[int, Zone]:
     """The zones of rough rows, by number.
 
     Args:
-        rough: rows of a campaign with a coarse grid.
+        rough: rows of a campaign with a coarse phase.
     """
     columns = [rough.columns.get(name, np.zeros(0)) for name in COLUMNS_OF_ZONES]
     return {

@@ -228,7 +228,7 @@ def check_coefficients(campaign: Campaign, modes: int) -> None:
 
 def _first_runs(campaign: Campaign) -> int:
     """Runs on the campaign's first grid."""
-    return campaign.plan.samples if campaign.coarse else campaign.estimator.rough_runs(sampling_of(campaign))
+    return campaign.estimator.rough_runs(sampling_of(campaign)) if campaign.coarse is None else campaign.plan.samples
 
 
 def _refuse_beyond_memory(needed: float, what: str, remedy: str) -> None:

@@ -6,7 +6,7 @@ Nothing in it changes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -45,6 +45,8 @@ from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered
 
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
+APART = ("estimator", "coarse")
+"""Parts of a campaign without which its samples run and its rows are read."""
 THICKNESSES = 3.0
 """Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
 
@@ -69,7 +71,9 @@ class Campaign(Part):
             with the methods of `cooperative.Estimator`.
         hazard: what is stored of slides for maps, None where there are neither maps nor elements at risk.
         exposed: elements at risk.
-        coarse: a grid coarser than the rough one, on which all samples run first, or None for none.
+        coarse: what all samples pass first, so that few run on the rough grid: a grid coarser than that, or a function
+            that ranks them, `rank(campaign, coefficients)`. That is given the coefficients of all samples (samples,
+            modes) and gives a number for each (samples,): the larger, the likelier its slope fails. None for neither.
         name: of the campaign, one line.
         measured: terms, factors of safety and limit load that are known; a folder adds what it has measured.
         raised: refined runs that the campaign's folder allows beyond the estimator's.
@@ -91,7 +95,7 @@ class Campaign(Part):
     estimator: SkipValidation[Estimator] = TwoPhase()
     hazard: Hazard | None = None
     exposed: tuple[Exposed, ...] = ()
-    coarse: Grid | None = None
+    coarse: Grid | FromScript | Callable[..., Any] | None = None
     name: str = "campaign"
     measured: Measured = Measured()
     raised: Budget | None = None
@@ -116,7 +120,7 @@ class Campaign(Part):
     @validates(mode="after")
     def _together(self) -> Self:
         """Check what goes together, but for a folder whose script is not here, and which was checked when it began."""
-        if {missing.what for missing in self.missing} <= {"estimator"}:
+        if all(missing.what in APART for missing in self.missing):
             ground.check_ground(self.site.shape)
             check_campaign(self)
         return self
@@ -130,13 +134,13 @@ class Campaign(Part):
         """Check that objects which a script gave are here.
 
         Args:
-            *parts: of the campaign, none for all but the estimator.
+            *parts: of the campaign, none for all but the estimator and what ranks the samples.
 
         Raises:
             ValueError: one is not.
         """
         for missing in self.missing:
-            if missing.what in parts or (not parts and missing.what != "estimator"):
+            if missing.what in parts or (not parts and missing.what not in APART):
                 remedy = "give it, estimator=..." if missing.what == "estimator" else "run that script in this folder"
                 raise ValueError(f"the campaign's {missing.what} is {missing.words}, which a script gave: {remedy}")
 
@@ -150,6 +154,11 @@ class Campaign(Part):
     def varies(self) -> bool:
         """Whether anything in it is random: soil, contact or water level."""
         return bool(self.random) or self.site.level is not None
+
+    @property
+    def rank(self) -> Callable[..., Any] | FromScript | None:
+        """What ranks the samples in place of a coarse grid, None without."""
+        return None if isinstance(self.coarse, Grid) else self.coarse
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -186,7 +195,7 @@ class Campaign(Part):
         return {
             name: grid.discretisation(self.run.cfl, self.soil, endless=endless)
             for name, grid in named.items()
-            if grid is not None
+            if isinstance(grid, Grid)
         }
 
     @property

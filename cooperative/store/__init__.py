@@ -13,7 +13,7 @@ Only the controller writes to the database. Anyone may read it at any moment; do
 """
 
 from cooperative.names import GRIDS
-from cooperative.store._database import BUDGET, DATABASE, MEASURED, SLIDES_END, SUMMARY
+from cooperative.store._database import BUDGET, DATABASE, MEASURED, SCORES, SLIDES_END, SUMMARY
 from cooperative.store._opened import (
     contents_sum,
     lock_holder,
@@ -37,6 +37,7 @@ __all__ = [
     "GRIDS",
     "MEASURED",
     "MOVING",
+    "SCORES",
     "SCRIPTS",
     "SLIDES",
     "SLIDES_END",

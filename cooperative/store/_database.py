@@ -43,15 +43,16 @@ MENDED = "`jaxmpm resume` keeps what is whole and runs the rest again, or put ba
 Value = float | int | str | bytes | None
 Row = Mapping[str, Value]
 
-SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SUMMARY = (
+SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, SUMMARY = (
     "scene",
     "beside",
     "measured",
     "budget",
     "slides_t_end",
+    "scores",
     "summary",
 )
-TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SUMMARY)
+TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, SUMMARY)
 """Names of the texts of table `campaign`: the scene in TOML, and the others in JSON."""
 
 CAMPAIGN = "CREATE TABLE campaign (name TEXT PRIMARY KEY, value TEXT NOT NULL, sha256 TEXT NOT NULL) WITHOUT ROWID"

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 from cooperative.estimate import Correlation, Phases, Slides, after_more_runs, correlation
-from cooperative.runs import phases_of, warnings_of
+from cooperative.runs import name_of_rank, phases_of, warnings_of
 from cooperative.scene import Campaign
 from cooperative.store import Rows
 from cooperative.summary._notes import notes_of
@@ -95,6 +95,7 @@ def _cost(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Cam
         samples=len(rough.numbers),
         planned_samples=phases.planned,
         coarse_samples=phases.coarse_samples,
+        ranked_by=name_of_rank(campaign),
         refined_runs=len(refined.numbers),
         refined_runs_allowed=campaign.raised,
         seconds={grid: float(np.sum(rows.columns["seconds"])) for grid, rows in tables.items()},

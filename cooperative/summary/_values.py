@@ -353,7 +353,8 @@ class CampaignCost:
     Args:
         samples: on the rough grid.
         planned_samples: on the rough grid in the end.
-        coarse_samples: on the coarse grid, of which those on the rough grid were drawn; None without such a grid.
+        coarse_samples: of the coarse phase, of which those on the rough grid were drawn; None without one.
+        ranked_by: name of the function that ranked these in place of a coarse grid; None for none.
         refined_runs: on the refined grid.
         refined_runs_allowed: where the folder allows more than the scene.
         seconds: of all runs of each grid (s).
@@ -367,6 +368,7 @@ class CampaignCost:
     samples: int
     planned_samples: int
     coarse_samples: int | None
+    ranked_by: str | None
     refined_runs: int
     refined_runs_allowed: Budget | None
     seconds: Mapping[str, float]

@@ -2,6 +2,7 @@
 
 from cooperative.tools.safety._factor import Safety, factor_of_safety
 from cooperative.tools.safety._pictures import draw_safety, write_safety
+from cooperative.tools.safety._rank import rank_by_slices
 from cooperative.tools.safety._search import Critical, critical_surface
 from cooperative.tools.safety._slices import Circle, Conditions, Slices, Slip, zones
 from cooperative.tools.safety._words import lines_of_equilibrium, lines_of_solver, progress_line
@@ -19,6 +20,7 @@ __all__ = [
     "lines_of_equilibrium",
     "lines_of_solver",
     "progress_line",
+    "rank_by_slices",
     "write_safety",
     "zones",
 ]

@@ -204,20 +204,37 @@ def _by_slices(
 
     layers: with the weight of the soil. water: of its table. strength: at the bases of slices.
     """
-    start, site = time.perf_counter(), campaign.site
+    start = time.perf_counter()
     try:
-        shape = _section(campaign)
-        slices = Slices.of(
-            shape, layers, water=water, r_u=site.r_u, k_h=campaign.run.k_h, k_v=campaign.run.k_v,
-            gravity=campaign.run.gravity, strength=strength,
-            rock=[number for number, each in enumerate(site.layers) if each.rock],
-        )  # fmt: skip
-        result = replace(result, shape=shape, layers=tuple(layers), water=slices.water)
+        slices = _sliced(campaign, layers, water, strength)
+        result = replace(result, shape=_section(campaign), layers=tuple(layers), water=slices.water)
         critical = critical_surface(slices)
     except ValueError as error:
         return replace(result, notes=(str(error),))
     seconds = time.perf_counter() - start
     return replace(result, equilibrium=critical, frictional=slices.frictional, seconds=seconds)
+
+
+def _sliced(campaign: Campaign, layers: Sequence[Layer], water: Water, strength: Strength | None) -> Slices:
+    """The ground of a campaign in slices, arguments as of `_by_slices`; ValueError for ground that is no section."""
+    site, run = campaign.site, campaign.run
+    return Slices.of(
+        _section(campaign), layers, water=water, r_u=site.r_u, k_h=run.k_h, k_v=run.k_v, gravity=run.gravity,
+        strength=strength, rock=[number for number, each in enumerate(site.layers) if each.rock],
+    )  # fmt: skip
+
+
+def slices_of_sample(model: GridModel, coefficients: np.ndarray | None) -> Slices:
+    """The ground in slices, with the soil of a sample as the particles of a grid have it.
+
+    Args:
+        model: the grid.
+        coefficients: (modes,) of the sample, None for median soil.
+
+    Raises:
+        ValueError: ground that is no section, or soil without a strength.
+    """
+    return _sliced(model.campaign, *_of_particles(model, coefficients))
 
 
 def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | None:

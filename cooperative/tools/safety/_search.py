@@ -163,15 +163,37 @@ def critical_surface_of(slices: Slices) -> Critical:
     return Critical(slip, circle, trials.count)
 
 
-def _critical_circle(trials: _Trials) -> Slip | None:
-    """The circle of the least factor, from a search over all of the ground; None where none has one."""
-    slices, relief = trials.slices, trials.slices.relief
+def first_circles(slices: Slices) -> np.ndarray:
+    """The circles over all of the ground from which the search for the critical one begins.
+
+    Args:
+        slices: the section.
+
+    Returns:
+        Ends along the ground (m) and sag of each (n, 3).
+    """
     ends, along = _ends(slices), _arc(slices)
     height = np.interp(ends, along, slices.heights[0])
     first, last = np.triu_indices(ENDS, 1)
-    pairs = np.abs(height[first] - height[last]) > RISE * relief
+    pairs = np.abs(height[first] - height[last]) > RISE * slices.relief
     first, last = ends[first[pairs]], ends[last[pairs]]
-    tried = np.stack([np.repeat(first, len(SAGS)), np.repeat(last, len(SAGS)), np.tile(SAGS, len(first))], axis=1)
+    return np.stack([np.repeat(first, len(SAGS)), np.repeat(last, len(SAGS)), np.tile(SAGS, len(first))], axis=1)
+
+
+def factors_of_circles(slices: Slices, numbers: np.ndarray) -> np.ndarray:
+    """Factors of safety (n,) of such circles by Bishop's method in COARSE slices; infinite where one has none.
+
+    Args:
+        slices: the section.
+        numbers: of the circles, as `first_circles` gives them (n, 3).
+    """
+    return _Trials(slices).circles(numbers, "bishop", COARSE)
+
+
+def _critical_circle(trials: _Trials) -> Slip | None:
+    """The circle of the least factor, from a search over all of the ground; None where none has one."""
+    slices, relief = trials.slices, trials.slices.relief
+    tried = first_circles(slices)
     factors = trials.circles(tried, "bishop", COARSE)
     if not np.isfinite(factors).any():
         return None
