@@ -359,7 +359,7 @@ def displacements(parameters: Parameters) -> Figure:
     """
     figure, panels = _by_parameter(parameters, "largest displacement, rough grid [m]")
     for ax, rows in panels:
-        pairs = [(row.value, each) for row in rows if (each := row.displacement)]
+        pairs = [(row.value, displacement) for row in rows if (displacement := row.displacement)]
         at, displaced = [value for value, _ in pairs], np.maximum([values for _, values in pairs], 1e-4)
         ax.plot(at, displaced[:, 1], "^-", color=COLOURS[1], label="90 % quantile")
         ax.plot(at, displaced[:, 0], "o-", color=COLOURS[0], label="median")

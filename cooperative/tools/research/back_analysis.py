@@ -110,16 +110,16 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
             stiffness or weight.
     """
     model.refuse_own_start()
-    scene, known = model.scene, declared(model.scene.material)
+    scene, numbers = model.scene, declared(model.scene.material)
     count = scene.particles.mass.size
     strangers = [int(m) for m in survey.markers if not 0 <= m < count]
     if strangers:
         raise ValueError(
             f"markers = {shown(strangers)}: the model has {count} particles, give numbers from 0 to {count - 1}"
         )
-    if {"softening_modulus", "strain_95"}.isdisjoint(known):
+    if {"softening_modulus", "strain_95"}.isdisjoint(numbers):
         raise ValueError("the soil does not soften: give it a softening_modulus, or leave back-analysis of it out")
-    if "softening_modulus" not in known:
+    if "softening_modulus" not in numbers:
         raise ValueError(
             "the soil loses strength exponentially (strain_95), and back-analysis asks for the modulus of a straight "
             "loss: give the soil a softening_modulus instead"
@@ -127,11 +127,13 @@ def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory:
     dtype = scene.particles.mass.dtype
     missing = model.soil.modes - len(parameters.coefficients)
     field = jnp.concatenate([jnp.asarray(parameters.coefficients, dtype), jnp.zeros(missing, dtype)])
-    drawn = {known[name].path: known[name].value for name in ("strength", "softening_modulus")} | model.varied(field)
+    values_of_soil = {
+        numbers[name].path: numbers[name].value for name in ("strength", "softening_modulus")
+    } | model.varied(field)
     changed = {"strength": parameters.strength, "softening.modulus": parameters.softening}
     # Zones without a parameter have nan for it, and 0 times nan would be their part of its derivative.
-    drawn |= {path: jnp.nan_to_num(drawn[path]) * jnp.exp(change) for path, change in changed.items()}
-    varied, _ = with_soil(scene, model.state, **drawn)
+    values_of_soil |= {path: jnp.nan_to_num(values_of_soil[path]) * jnp.exp(change) for path, change in changed.items()}
+    varied, _ = with_soil(scene, model.state, **values_of_soil)
     every = max(1, round(survey.seconds / float(scene.numerics.time_step) / survey.times))
     final, histories = replay(
         varied, model.state, every * survey.times, memory=memory, every=every,

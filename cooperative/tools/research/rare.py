@@ -161,11 +161,11 @@ def design_points(
     """
     found: list[DesignPoint] = []
     directions = np.random.default_rng(seed).standard_normal((starts, modes))
-    waiting: list[np.ndarray | None] = [None, *(each / np.linalg.norm(each) for each in directions)]
+    waiting: list[np.ndarray | None] = [None, *(direction / np.linalg.norm(direction) for direction in directions)]
     reason = f"no search of {starts + 1} converges: give more starts, or a longer search"
     while waiting:
         start = waiting.pop(0)
-        distance = min((each.beta for each in found), default=1.0)
+        distance = min((point.beta for point in found), default=1.0)
         try:
             point = design_point(limit_state, modes, search, start=None if start is None else distance * start)
         except ValueError as error:
@@ -175,12 +175,12 @@ def design_points(
             reason = str(error)
             continue
         towards = point.coefficients / max(point.beta, 1e-12)
-        if point.converged and all(towards @ each.coefficients < ALIKE * each.beta for each in found):
+        if point.converged and all(towards @ other.coefficients < ALIKE * other.beta for other in found):
             found.append(point)
             waiting.append(-towards)
     if not found:
         raise ValueError(reason)
-    return tuple(sorted(found, key=lambda each: each.beta))
+    return tuple(sorted(found, key=lambda point: point.beta))
 
 
 def _checked(limit_state: Callable[[np.ndarray], tuple[float, np.ndarray]], at: np.ndarray) -> tuple[float, np.ndarray]:

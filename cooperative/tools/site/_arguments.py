@@ -17,51 +17,52 @@ from jaxmpm import read_raster
 from jaxmpm.support.text import printable
 
 
-def answer(given: argparse.Namespace) -> list[str]:
+def answer(arguments: argparse.Namespace) -> list[str]:
     """Estimate and write a site; the estimates in words, and what was written.
 
     Args:
-        given: on the command line.
+        arguments: of the command line.
 
     Raises:
         ValueError: files or numbers that cannot be used.
     """
-    if given.section is not None and given.surface is not None:
+    if arguments.section is not None and arguments.surface is not None:
         raise SiteError("--section is ground of a section and --surface that of a terrain: give one of them")
-    if given.correlation not in CORRELATIONS:
-        raise SiteError(f"--correlation {given.correlation}: give one of {', '.join(CORRELATIONS)}")
-    units = dict(each.partition("=")[::2] for each in given.units)
-    line = None if given.line is None else (tuple(given.line[:2]), tuple(given.line[2:]))
-    origin = given.origin
-    if origin is None and given.surface is not None and line is None:
-        origin = national_origin(read_raster(given.surface))
-    section = None if given.section is None else read_section(given.section)
+    if arguments.correlation not in CORRELATIONS:
+        raise SiteError(f"--correlation {arguments.correlation}: give one of {', '.join(CORRELATIONS)}")
+    units = dict(pair.partition("=")[::2] for pair in arguments.units)
+    line = None if arguments.line is None else (tuple(arguments.line[:2]), tuple(arguments.line[2:]))
+    origin = arguments.origin
+    if origin is None and arguments.surface is not None and line is None:
+        origin = national_origin(read_raster(arguments.surface))
+    section = None if arguments.section is None else read_section(arguments.section)
     assumed = Assumed(
-        cone_factor(given.n_kt), given.unit_weight, given.water, given.marginal, given.correlation, line,
-        tuple(origin or (0.0, 0.0)), given.base, given.area_ratio, section,
+        cone_factor(arguments.n_kt), arguments.unit_weight, arguments.water, arguments.marginal,
+        arguments.correlation, line,
+        tuple(origin or (0.0, 0.0)), arguments.base, arguments.area_ratio, section,
     )  # fmt: skip
-    site = estimate_site(given.files, assumed, boundaries=given.layers, units=units, progress=_told)
-    return [words(site), *map(str, write_site(site, given.out, given.surface))]
+    site = estimate_site(arguments.files, assumed, boundaries=arguments.layers, units=units, progress=_told)
+    return [words(site), *map(str, write_site(site, arguments.out, arguments.surface))]
 
 
 def _told(line: str) -> None:
     print(printable(line), file=sys.stderr, flush=True)
 
 
-def cone_factor(given: Sequence[float] | None) -> tuple[float, float] | None:
+def cone_factor(numbers: Sequence[float] | None) -> tuple[float, float] | None:
     """A cone factor N_kt with its standard deviation, 0 where one number is given; None for none.
 
     Args:
-        given: one or two numbers.
+        numbers: one or two.
 
     Raises:
         SiteError: others, or a deviation that no cone factor has.
     """
-    if given is None:
+    if numbers is None:
         return None
-    if len(given) > 2 or (len(given) == 2 and not 0 <= given[1] < given[0] / 2):
+    if len(numbers) > 2 or (len(numbers) == 2 and not 0 <= numbers[1] < numbers[0] / 2):
         raise SiteError(
-            f"N_kt = {' '.join(f'{each:g}' for each in given)}: give its mean, such as 14, or mean and standard "
+            f"N_kt = {' '.join(f'{number:g}' for number in numbers)}: give its mean, such as 14, or mean and standard "
             "deviation, such as 14 2"
         )
-    return float(given[0]), float(given[1]) if len(given) == 2 else 0.0
+    return float(numbers[0]), float(numbers[1]) if len(numbers) == 2 else 0.0

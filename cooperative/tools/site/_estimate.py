@@ -135,22 +135,22 @@ def estimate_site(
         ValueError: files that cannot be used, clay without a cone factor, or layers with too few values.
     """
     assumed = assumed or Assumed()
-    soundings, measured = read_files([Path(each) for each in paths], units)
-    soundings = [_with_ratio(each, assumed.area_ratio) for each in soundings]
+    soundings, measured = read_files([Path(path) for path in paths], units)
+    soundings = [_with_ratio(sounding, assumed.area_ratio) for sounding in soundings]
     require_elevations(soundings)
     if assumed.section is not None:
         _require_section(soundings, measured, assumed)
     _require_alike(soundings, measured)
     layers = _layers(soundings, measured, assumed, boundaries)
-    inner = {each.bottom for each in layers[:-1]}
-    layers = [replace(each, meets=tuple(at for at in (each.top, each.bottom) if at in inner)) for each in layers]
-    for each in measured:
-        if beyond := int(((each.z >= layers[0].top) | (each.z < layers[-1].bottom)).sum()):
+    inner = {layer.bottom for layer in layers[:-1]}
+    layers = [replace(layer, meets=tuple(at for at in (layer.top, layer.bottom) if at in inner)) for layer in layers]
+    for measurements in measured:
+        if beyond := int(((measurements.z >= layers[0].top) | (measurements.z < layers[-1].bottom)).sum()):
             check.warn(
-                f"{each.file}: {beyond} values of {each.parameter} are left out, which lie above or below the layers, "
-                f"{layers[0].top:g} to {layers[-1].bottom:g} m"
+                f"{measurements.file}: {beyond} values of {measurements.parameter} are left out, which lie above or "
+                f"below the layers, {layers[0].top:g} to {layers[-1].bottom:g} m"
             )
-    if unused := [each.name for each in soundings if _bare(each) and np.isfinite(each.pore).any()]:
+    if unused := [sounding.name for sounding in soundings if _bare(sounding) and np.isfinite(sounding.pore).any()]:
         check.warn(
             f"u_2 of {', '.join(unused)} is not used, since no area ratio of the cone is known, and q_c stands for "
             "q_t: give --area-ratio, such as 0.8"
@@ -164,8 +164,8 @@ def estimate_site(
 
 def _bare(sounding: Sounding) -> bool:
     """Whether q_c stands for q_t."""
-    known = sounding.area_ratio is not None and np.isfinite(sounding.pore).any()
-    return sounding.corrected is None and not known
+    corrected = sounding.area_ratio is not None and np.isfinite(sounding.pore).any()
+    return sounding.corrected is None and not corrected
 
 
 def _with_ratio(sounding: Sounding, ratio: float | None) -> Sounding:
@@ -179,7 +179,7 @@ def _require_section(soundings: list[Sounding], measured: list[PointValues], ass
     assert assumed.section is not None
     low, *_, high = assumed.section.surface[0]
     every: list[Sounding | PointValues] = [*soundings, *measured]
-    x, y = (np.concatenate([np.atleast_1d(getattr(each, axis)) for each in every]) for axis in "xy")
+    x, y = (np.concatenate([np.atleast_1d(getattr(record, axis)) for record in every]) for axis in "xy")
     placed = assumed.placed(x, y)
     if len(placed) > 1:
         raise SiteError(f"{assumed.section.path} is a section, the files have x and y: give --line, on which they lie")
@@ -193,7 +193,7 @@ def _require_section(soundings: list[Sounding], measured: list[PointValues], ass
 def _require_alike(soundings: Sequence[Sounding], measured: Sequence[PointValues]) -> None:
     """Raise SiteError for files of which some have y and others not."""
     every: list[Sounding | PointValues] = [*soundings, *measured]
-    files = {each.file: bool(np.isfinite(each.y).any()) for each in every if np.isfinite(each.x).any()}
+    files = {record.file: bool(np.isfinite(record.y).any()) for record in every if np.isfinite(record.x).any()}
     if lacking := sorted(file for file, has in files.items() if has != any(files.values())):
         raise SiteError(f"{lacking[0]} has no y, which other files have: add the column y [m] to it, or leave it out")
 
@@ -204,13 +204,15 @@ def _layers(
     if boundaries is None and soundings:
         proposed = proposed_layers(soundings, assumed.stresses)
         # As they are written: a value at a boundary is of the layer above.
-        return [replace(each, top=round(each.top, 2), bottom=round(each.bottom, 2)) for each in proposed]
+        return [replace(layer, top=round(layer.top, 2), bottom=round(layer.bottom, 2)) for layer in proposed]
     if soundings:
         top, bottom = extent_of(soundings)
     else:
-        z = np.concatenate([each.z for each in measured])
+        z = np.concatenate([measurements.z for measurements in measured])
         if not z.size:
-            raise SiteError(f"no value is left of {', '.join(sorted({each.file for each in measured}))}: correct them")
+            raise SiteError(
+                f"no value is left of {', '.join(sorted({values.file for values in measured}))}: correct them"
+            )
         top, bottom = float(z.max()) + 0.01, float(z.min())
     edges = [top, *(boundaries or ()), bottom]
     if any(one <= other for one, other in pairwise(edges)) and len(edges) > 2:
@@ -310,18 +312,22 @@ def _values(
             none = np.full(position.shape[1], np.nan)
             parts.append((np.concatenate([position, lab.z[None, valid]]), lab.value[valid], none))
     else:
-        inside = [(each, _parameter(each, parameter, assumed)) for each in soundings]
+        inside = [(sounding, _parameter(sounding, parameter, assumed)) for sounding in soundings]
         masks = [
-            np.isfinite(value) & layer.inside(each.z) & ~layer.of_another(each, assumed.stresses)
-            for each, value in inside
+            np.isfinite(value) & layer.inside(sounding.z) & ~layer.of_another(sounding, assumed.stresses)
+            for sounding, value in inside
         ]
-        thickness = sum(float(np.ptp(each.z[mask])) for each, mask in zip(soundings, masks, strict=True) if mask.any())
+        thickness = sum(
+            float(np.ptp(sounding.z[mask])) for sounding, mask in zip(soundings, masks, strict=True) if mask.any()
+        )
         apart = max(CLOSEST, thickness / MOST)
         parts = []
-        for (each, value), mask in zip(inside, masks, strict=True):
-            used = thinned(each.z, mask, apart)
-            position = assumed.placed(np.full(used.size, each.x), np.full(used.size, each.y))
-            parts.append((np.concatenate([position, each.z[None, used]]), value[used], corrected_cone(each)[used]))
+        for (sounding, value), mask in zip(inside, masks, strict=True):
+            used = thinned(sounding.z, mask, apart)
+            position = assumed.placed(np.full(used.size, sounding.x), np.full(used.size, sounding.y))
+            parts.append(
+                (np.concatenate([position, sounding.z[None, used]]), value[used], corrected_cone(sounding)[used])
+            )
     # A sounding that does not reach the layer has no axes to tell a section from 3D.
     parts = [part for part in parts if part[1].size] or parts[:1]
     return tuple(np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))  # type: ignore[return-value]
@@ -340,9 +346,9 @@ def _spread(points: Values, fit: FieldFit, used: np.ndarray) -> np.ndarray:
     while True:
         chosen = []
         for position in np.unique(points[:-1], axis=1).T:
-            own = np.flatnonzero((points[:-1] == position[:, None]).all(axis=0) & used)
-            own = own[np.argsort(-points[-1, own])]
-            chosen.append(own[thinned(points[-1, own], np.ones(own.size, bool), apart)])
+            column = np.flatnonzero((points[:-1] == position[:, None]).all(axis=0) & used)
+            column = column[np.argsort(-points[-1, column])]
+            chosen.append(column[thinned(points[-1, column], np.ones(column.size, bool), apart)])
         numbers = np.concatenate(chosen)
         if numbers.size <= MOST_CONDITIONING:
             return numbers
@@ -356,16 +362,16 @@ def _remarks(
     """What an engineer should know of how the values came about."""
     if soundings:
         yield STRENGTH if parameter == "strength" else FRICTION
-        tables = {each.name: assumed.stresses.water_of(each) for each in soundings}
+        tables = {sounding.name: assumed.stresses.water_of(sounding) for sounding in soundings}
         water = "; ".join(
-            f"{depth:g} m below the surface at {', '.join(name for name, own in tables.items() if own == depth)}"
+            f"{depth:g} m below the surface at {', '.join(name for name, level in tables.items() if level == depth)}"
             for depth in dict.fromkeys(tables.values())
         )
         yield f"unit weight {assumed.unit_weight / 1e3:g} kN/m3, water {water}"
         yield from _of_readings(layer, parameter, soundings, assumed, count)
-    for name in dict.fromkeys(each.parameter for each in measured):
-        own = [each for each in measured if each.parameter == name]
-        values = np.concatenate([each.value[layer.inside(each.z)] for each in own])
+    for name in dict.fromkeys(measurements.parameter for measurements in measured):
+        of_parameter = [measurements for measurements in measured if measurements.parameter == name]
+        values = np.concatenate([measurements.value[layer.inside(measurements.z)] for measurements in of_parameter])
         if values.size and (soundings or name != parameter):
             line = f"{values.size} laboratory values of {name}, mean {values.mean():.4g} {soil_limits()[name].unit}"
             yield f"{line}, not part of the estimate: {_unused(name, parameter)}"
@@ -375,34 +381,36 @@ def _of_readings(
     layer: ProposedLayer, parameter: str, soundings: list[Sounding], assumed: Assumed, count: int
 ) -> Iterator[str]:
     """Which readings of a layer are used, and what takes the place of those that lack."""
-    if parameter == "strength" and (bare := [each.name for each in soundings if _bare(each)]):
+    if parameter == "strength" and (bare := [sounding.name for sounding in soundings if _bare(sounding)]):
         yield f"q_c in place of q_t, without u_2 or area ratio: {', '.join(bare)}"
     for high, low in _unknown(layer, soundings):
         yield f"no reading from {high:.2f} to {low:.2f} m: the soil there is taken to be that of the layer"
-    others = [layer.of_another(each, assumed.stresses) for each in soundings]
-    types = [types_of(each, assumed.stresses)[mask] for each, mask in zip(soundings, others, strict=True)]
-    z = np.concatenate([each.z[mask] for each, mask in zip(soundings, others, strict=True)])
+    others = [layer.of_another(sounding, assumed.stresses) for sounding in soundings]
+    types = [types_of(sounding, assumed.stresses)[mask] for sounding, mask in zip(soundings, others, strict=True)]
+    z = np.concatenate([sounding.z[mask] for sounding, mask in zip(soundings, others, strict=True)])
     for kind in np.unique(np.concatenate(types)):
         at = z[np.concatenate(types) == kind]
         yield (
             f"{at.size} readings of {TYPES[kind]} from {at.max():.2f} to {at.min():.2f} m are left out: give --layers "
             "if it is a layer of its own"
         )
-    inside = [layer.inside(each.z) & np.isfinite(corrected_cone(each)) for each in soundings]
-    bad = [np.isnan(_parameter(each, parameter, assumed)) for each in soundings]
+    inside = [layer.inside(sounding.z) & np.isfinite(corrected_cone(sounding)) for sounding in soundings]
+    bad = [np.isnan(_parameter(sounding, parameter, assumed)) for sounding in soundings]
     if nothing := sum(int((one & other).sum()) for one, other in zip(inside, bad, strict=True)):
         yield (
             f"{nothing} readings that give no {parameter} above 0 are left out: check N_kt, unit weight, water and "
             "gaps in u_2"
         )
-    readings = sum(int(each.sum()) for each in inside)
+    readings = sum(int(mask.sum()) for mask in inside)
     if count < readings - z.size:
         yield f"{count} of {readings} readings used, thinned, none averaged or filled in"
 
 
 def _unknown(layer: ProposedLayer, soundings: list[Sounding]) -> Iterator[tuple[float, float]]:
     """Elevations (m) between which a layer has no reading of any sounding, from the top down."""
-    read = np.concatenate([each.z[layer.inside(each.z) & np.isfinite(corrected_cone(each))] for each in soundings])
+    read = np.concatenate(
+        [sounding.z[layer.inside(sounding.z) & np.isfinite(corrected_cone(sounding))] for sounding in soundings]
+    )
     ends = np.r_[layer.top, -np.sort(-read), layer.bottom]
     yield from ((float(high), float(low)) for high, low in pairwise(ends) if high - low > UNKNOWN)
 

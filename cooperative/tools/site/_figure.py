@@ -27,7 +27,7 @@ def site_figure(layers: Sequence[SiteLayerFit]) -> Figure:
     figure = Figure(figsize=(2 + 2.4 * positions.shape[1], 4.2 * len(parameters)), layout="constrained")
     axes = figure.subplots(len(parameters), positions.shape[1], sharey=True, sharex="row", squeeze=False)
     for row, parameter in zip(axes, parameters, strict=True):
-        drawn = quantity(parameter)
+        scale = quantity(parameter)
         for ax, position in zip(row, positions.T, strict=True):
             for number, layer in enumerate(layers):
                 ax.axhspan(layer.bottom, layer.top, color=TINTS(number % TINTS.N), lw=0, label=literal(layer.name))
@@ -44,14 +44,14 @@ def site_figure(layers: Sequence[SiteLayerFit]) -> Figure:
                 else:
                     factors = 1 + deviation * scores
                 band = np.quantile(mean * factors[:, None], [0.05, 0.95], axis=0)
-                ax.fill_betweenx(z, *band / drawn.size, color="0.6", alpha=0.5, lw=0)
-                ax.plot(np.median(mean, axis=0) / drawn.size, z, "k-", lw=1)
-                mine = (np.abs(points[:-1] - position[:, None]) < 1e-6).all(axis=0)
-                ax.plot(layer.values[mine] / drawn.size, points[-1, mine], ".", color="C0", ms=3)
+                ax.fill_betweenx(z, *band / scale.size, color="0.6", alpha=0.5, lw=0)
+                ax.plot(np.median(mean, axis=0) / scale.size, z, "k-", lw=1)
+                here = (np.abs(points[:-1] - position[:, None]) < 1e-6).all(axis=0)
+                ax.plot(layer.values[here] / scale.size, points[-1, here], ".", color="C0", ms=3)
             ax.set_title(
                 ", ".join(f"{axis} = {at:.6g} m" for axis, at in zip("xy", position, strict=False)), fontsize=8
             )
-            ax.set_xlabel(drawn.label, fontsize=8)
+            ax.set_xlabel(scale.label, fontsize=8)
         row[0].set_ylabel("z [m]")
     handles = [axes[0, 0].patches[k] for k in range(len(layers))]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(layers), fontsize=8, frameon=False)

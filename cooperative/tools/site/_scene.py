@@ -91,23 +91,23 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
 
 def _check_inside(site: SiteEstimate, surface: Path, raster: Raster) -> None:
     """Raise SiteError for a sounding beside the raster, and warn of one that begins well above or below the ground."""
-    for each in site.soundings:
+    for sounding in site.soundings:
         # Other names than EPSG codes are words of whoever wrote the file.
-        if raster.projection is not None and (each.projection or "").startswith("EPSG:"):
-            remark = compare_projections(each.file, str(each.projection), str(surface), raster.projection)
+        if raster.projection is not None and (sounding.projection or "").startswith("EPSG:"):
+            remark = compare_projections(sounding.file, str(sounding.projection), str(surface), raster.projection)
             if remark is not None:
                 check.warn(remark)
-        for axis, at, (low, high) in zip("xy", (each.x, each.y), raster.ends, strict=True):
+        for axis, at, (low, high) in zip("xy", (sounding.x, sounding.y), raster.ends, strict=True):
             if not low <= at <= high:
                 raise SiteError(
-                    f"{each.file}: sounding {each.name!r} lies at {axis} = {at:.10g} m, and {surface} reaches from "
-                    f"{low:.10g} to {high:.10g} m: give files of the same projection, or leave it out"
+                    f"{sounding.file}: sounding {sounding.name!r} lies at {axis} = {at:.10g} m, and {surface} "
+                    f"reaches from {low:.10g} to {high:.10g} m: give files of the same projection, or leave it out"
                 )
-        ground = float(raster.at(np.array([each.x]), np.array([each.y]))[0])
-        if abs(each.top - ground) > APART:
+        ground = float(raster.at(np.array([sounding.x]), np.array([sounding.y]))[0])
+        if abs(sounding.top - ground) > APART:
             check.warn(
-                f"{each.file}: sounding {each.name!r} begins at {each.top:g} m, and {surface} has the ground at "
-                f"{ground:g} m there: correct one of them, if they do not count from one datum"
+                f"{sounding.file}: sounding {sounding.name!r} begins at {sounding.top:g} m, and {surface} has the "
+                f"ground at {ground:g} m there: correct one of them, if they do not count from one datum"
             )
 
 

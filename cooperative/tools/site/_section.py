@@ -103,7 +103,7 @@ def read_section(path: Path) -> Section:
     low, high = ground.walls or (float(surface[0, 0]), float(surface[0, -1]))
     stations = np.unique(np.clip(np.r_[surface[0], low, high], low, high))
     surface = np.stack([stations, np.interp(stations, *surface)])
-    beside = tuple(each for each in _texts(given) if (path.parent / each.partition("#")[0]).is_file())
+    beside = tuple(text_there for text_there in _texts(given) if (path.parent / text_there.partition("#")[0]).is_file())
     return Section(path, text, surface, ground.base, beside)
 
 
@@ -113,5 +113,5 @@ def _texts(value: object) -> Iterator[str]:
         if 0 < len(value) < 200 and "\0" not in value:
             yield value
     elif isinstance(value, dict | list):
-        for each in value.values() if isinstance(value, dict) else value:
-            yield from _texts(each)
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _texts(part)

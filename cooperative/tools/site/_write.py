@@ -124,7 +124,7 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
         if len(others) > 1:
             yield f"# Sweep the horizontal length over {others}."
         lengths = [horizontal] * (len(layer.points) - 1) + [fit.vertical.value]
-        yield f"length = [{', '.join(f'{each:.3g}' for each in lengths)}]"
+        yield f"length = [{', '.join(f'{length:.3g}' for length in lengths)}]"
         yield f"correlation = {toml_value(site.assumed.correlation)}"
         yield "energy = 0.95"
         if layer.conditioning.size:
@@ -149,7 +149,7 @@ def _below(site: SiteEstimate, surface: Path) -> SiteEstimate:
 def _drawn(site: SiteEstimate) -> list[SiteLayerFit]:
     """The layers that have ground in the section, all without one."""
     section, (*upper, last) = site.assumed.section, site.layers
-    return [*(each for each in upper if section is None or section.holds(each.bottom)), last]
+    return [*(layer for layer in upper if section is None or section.holds(layer.bottom)), last]
 
 
 def _horizontal(layer: SiteLayerFit, assumed: Assumed) -> tuple[float, list[float]]:
@@ -157,15 +157,15 @@ def _horizontal(layer: SiteLayerFit, assumed: Assumed) -> tuple[float, list[floa
 
     An interval bounds them; without one they are published scales of fluctuation.
     """
-    known = layer.fit.horizontal
-    if known is not None and "horizontal" not in layer.fit.unknown:
-        return known.value, []
+    estimated = layer.fit.horizontal
+    if estimated is not None and "horizontal" not in layer.fit.unknown:
+        return estimated.value, []
     least, mean, most = (scale / CORRELATIONS[assumed.correlation].fluctuation for scale in SCALES)
-    if known is not None:
-        least, most = max(least, known.low), min(most, known.high)
-        least, most = (least, most) if least < most else (known.low, known.high)
+    if estimated is not None:
+        least, most = max(least, estimated.low), min(most, estimated.high)
+        least, most = (least, most) if least < most else (estimated.low, estimated.high)
         mean = min(max(mean, least), most)
-    return mean, list(dict.fromkeys(float(f"{each:.2g}") for each in (least, mean, most)))
+    return mean, list(dict.fromkeys(float(f"{length:.2g}") for length in (least, mean, most)))
 
 
 SURVEYED = 0.5
@@ -179,7 +179,7 @@ def _estimates(site: SiteEstimate) -> str:
     for layer in site.layers:
         start = (layer.name, f"{layer.top:.2f}", f"{layer.bottom:.2f}", layer.parameter, layer.values.size)
         for name, interval, remark in _quantities(layer):
-            numbers = ("", "", "") if interval is None else tuple(f"{each:.4g}" for each in interval[:3])
+            numbers = ("", "", "") if interval is None else tuple(f"{number:.4g}" for number in interval[:3])
             rows.append([*start, name, *numbers, remark])
     return csv_text(rows)
 

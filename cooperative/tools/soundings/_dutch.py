@@ -140,12 +140,14 @@ def read_bro(path: Path) -> list[Record]:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise SiteError(f"{path} is no XML ({error}): was it cut off?") from error
-    tests = [each for each in root.iter() if _name(each) == "CPT_O"]
+    tests = [element for element in root.iter() if _name(element) == "CPT_O"]
     if not tests:
-        kinds = sorted({_name(each) for part in root.iter() if _name(part) == "dispatchDocument" for each in part})
+        kinds = sorted(
+            {_name(element) for part in root.iter() if _name(part) == "dispatchDocument" for element in part}
+        )
         holds = f": it holds {', '.join(kinds)}" if kinds else ""
         raise SiteError(f"{path} has no cone penetration test of the BRO (CPT_O){holds}")
-    return [_of_test(path, each, count if len(tests) > 1 else 0) for count, each in enumerate(tests, 1)]
+    return [_of_test(path, test, count if len(tests) > 1 else 0) for count, test in enumerate(tests, 1)]
 
 
 def _name(element: ElementTree.Element) -> str:
@@ -157,7 +159,7 @@ def _found(element: ElementTree.Element | None, *names: str) -> ElementTree.Elem
     for name in names:
         if element is None:
             return None
-        element = next((each for each in element.iter() if _name(each) == name), None)
+        element = next((child for child in element.iter() if _name(child) == name), None)
     return element
 
 
@@ -199,9 +201,9 @@ def _metres(where: str, element: ElementTree.Element | None) -> float:
 
 
 def _bro_rows(text: str, encoding: ElementTree.Element | None) -> Iterator[Sequence[str]]:
-    given = {} if encoding is None else encoding.attrib
-    token, block = given.get("tokenSeparator", ","), given.get("blockSeparator", ";")
-    decimal = given.get("decimalSeparator", ".")
+    attributes = {} if encoding is None else encoding.attrib
+    token, block = attributes.get("tokenSeparator", ","), attributes.get("blockSeparator", ";")
+    decimal = attributes.get("decimalSeparator", ".")
     for record in text.split(block):
         if record.strip():
             yield [cell.strip().replace(decimal, ".") for cell in record.split(token)]
@@ -211,10 +213,10 @@ def _bro_position(where: str, location: ElementTree.Element | None) -> tuple[str
     """Coordinate system and coordinates (m)."""
     if location is None:
         return None, math.nan, math.nan
-    names = [each.get("srsName", "") for each in location.iter()]
+    names = [element.get("srsName", "") for element in location.iter()]
     code = next((re.findall(r"\d+", name)[-1] for name in names if re.search(r"\d", name)), None)
     system = None if code is None else "EPSG:28992" if code == "7415" else f"EPSG:{code}"
     if system in GEOGRAPHIC:
         raise SiteError(f"{where} has its position in degrees ({system}): export it in metres, such as EPSG:28992")
-    at = [one_number(each) for each in re.split(r"[\s,;]+", _text(location, "pos"))]
+    at = [one_number(word) for word in re.split(r"[\s,;]+", _text(location, "pos"))]
     return system, *((*at, math.nan, math.nan)[:2])  # type: ignore[return-value]

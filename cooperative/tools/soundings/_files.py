@@ -73,8 +73,8 @@ def read_files(
         if reader is None:
             remedy = "save each sheet as CSV" if path.suffix.lower() in SHEETS else "export it as one of them"
             raise SiteError(f"{path} ends in {path.suffix!r}, files of a site in {', '.join(_READERS)}: {remedy}")
-        own, values = reader(path, units or {})
-        soundings += [sounding_of(each) for each in own]
+        records, values = reader(path, units or {})
+        soundings += [sounding_of(record) for record in records]
         measured += values
     _check_together(soundings)
     _check_positions(soundings, measured)
@@ -87,25 +87,27 @@ SHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 
 def _check_together(soundings: list[Sounding]) -> None:
     names: dict[str, Sounding] = {}
-    for each in soundings:
-        if each.name in names:
+    for sounding in soundings:
+        if sounding.name in names:
             raise SiteError(
-                f"{each.file} and {names[each.name].file} both hold the sounding {shown(each.name)}: leave one out"
+                f"{sounding.file} and {names[sounding.name].file} both hold the sounding "
+                f"{shown(sounding.name)}: leave one out"
             )
         for other in names.values():
-            if math.hypot(each.x - other.x, *np.diff(np.nan_to_num([each.y, other.y]))) < 0.01:
+            if math.hypot(sounding.x - other.x, *np.diff(np.nan_to_num([sounding.y, other.y]))) < 0.01:
                 raise SiteError(
-                    f"{each.file}: soundings {shown(each.name)} and {shown(other.name)} lie at one place, x = "
-                    f"{each.x:g} m: leave one out, or correct its position"
+                    f"{sounding.file}: soundings {shown(sounding.name)} and {shown(other.name)} lie at one place, x = "
+                    f"{sounding.x:g} m: leave one out, or correct its position"
                 )
-            apart = math.hypot(each.x - other.x, *np.diff(np.nan_to_num([each.y, other.y])))
-            if abs(each.top - other.top) > 2 * apart + 5:
+            apart = math.hypot(sounding.x - other.x, *np.diff(np.nan_to_num([sounding.y, other.y])))
+            if abs(sounding.top - other.top) > 2 * apart + 5:
                 check.warn(
-                    f"{each.file}: sounding {shown(each.name)} begins at {each.top:g} m and {shown(other.name)}, "
-                    f"{apart:.3g} m from it, at {other.top:g} m: correct one, if they do not count from one datum"
+                    f"{sounding.file}: sounding {shown(sounding.name)} begins at {sounding.top:g} m and "
+                    f"{shown(other.name)}, {apart:.3g} m from it, at {other.top:g} m: correct one, if "
+                    "they do not count from one datum"
                 )
-        names[each.name] = each
-    datums = {each.datum: each for each in soundings if each.datum is not None}
+        names[sounding.name] = sounding
+    datums = {sounding.datum: sounding for sounding in soundings if sounding.datum is not None}
     if len(datums) > 1:
         (one, first), (two, second) = list(datums.items())[:2]
         raise SiteError(
@@ -116,16 +118,19 @@ def _check_together(soundings: list[Sounding]) -> None:
 def _check_positions(soundings: Sequence[Sounding], measured: Sequence[PointValues]) -> None:
     """Raise SiteError for positions of several systems, that were never set, or far from all others."""
     every: list[Sounding | PointValues] = [*soundings, *measured]
-    systems = {each.projection: each for each in every if each.projection is not None}
+    systems = {record.projection: record for record in every if record.projection is not None}
     if len(systems) > 1:
         (one, first), (two, second) = list(systems.items())[:2]
         raise SiteError(
             f"{first.file} has positions in {one} and {second.file} in {two}: convert them to one coordinate system"
         )
-    places = [(each.file, each.projection, np.array([np.atleast_1d(each.x), np.atleast_1d(each.y)])) for each in every]
-    known = np.concatenate([at for *_, at in places] or [np.empty((2, 0))], axis=1)
-    middle = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in known])
-    others = np.hypot(*np.nan_to_num(known))
+    places = [
+        (record.file, record.projection, np.array([np.atleast_1d(record.x), np.atleast_1d(record.y)]))
+        for record in every
+    ]
+    placed = np.concatenate([at for *_, at in places] or [np.empty((2, 0))], axis=1)
+    middle = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in placed])
+    others = np.hypot(*np.nan_to_num(placed))
     for file, projection, at in places:
         if (at == 0).all(axis=0).any() and (projection is not None or others.max() > UNSET):
             raise SiteError(f"{file} has the position 0, 0, which was never set: give its x and y in metres")
@@ -250,8 +255,8 @@ def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, 
     for other in depths[1:]:
         depth = np.where(np.isfinite(depth), depth, other)
     value = _ags_column(path, group, heading, "stress")
-    own = [places.get(row["LOCA_ID"], Place()) for row in rows]
-    x, y, top = np.array([(each.x, each.y, each.top) for each in own]).reshape(-1, 3).T
+    located = [places.get(row["LOCA_ID"], Place()) for row in rows]
+    x, y, top = np.array([(place.x, place.y, place.top) for place in located]).reshape(-1, 3).T
     read = value > 0
     lacking = {"elevation of the ground (LOCA_GL)": top, "position (LOCA_NATE)": x, "depth": depth}
     for what, numbers_of in lacking.items():
@@ -264,7 +269,7 @@ def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, 
             check.warn(f"{message}, so that values of {heading} there are left out: add it")
     valid = read & np.isfinite(x) & np.isfinite(top) & np.isfinite(depth)
     if valid.any():
-        systems = {each.projection for each, good in zip(own, valid, strict=True) if good}
+        systems = {place.projection for place, good in zip(located, valid, strict=True) if good}
         projection = systems.pop() if len(systems) == 1 else None
         yield PointValues(str(path), "strength", x[valid], y[valid], (top - depth)[valid], value[valid], projection)
 
@@ -285,19 +290,19 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     return [], measured_of(path, table, texts)
 
 
-def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, mine: np.ndarray) -> Record:
+def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Record:
     """The sounding of the rows of one name."""
 
     def one(key: str) -> float:
-        values = np.unique(table[key][mine]) if key in table else np.array([math.nan])
+        values = np.unique(table[key][rows]) if key in table else np.array([math.nan])
         values = values[np.isfinite(values)]
         if len(values) > 1:
             raise SiteError(f"{path}: sounding {shown(name)} has several {key}: give each its own name")
         return float(values[0]) if len(values) else math.nan
 
-    columns = {key: table[key][mine] for key in CONE if key in table}
+    columns = {key: table[key][rows] for key in CONE if key in table}
     datum, projection = (
-        one_text(path, key, table[key][mine] if key in table else None) for key in ("datum", "projection")
+        one_text(path, key, table[key][rows] if key in table else None) for key in ("datum", "projection")
     )
     return Record(
         file=str(path), name=name, columns=columns, x=one("x"), y=one("y"), top=one("top"), datum=datum,

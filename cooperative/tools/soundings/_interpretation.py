@@ -177,7 +177,7 @@ class ProposedLayer:
         """
         types = types_of(sounding, stresses)
         apart = np.abs(types - TYPES.index(self.kind))
-        near = np.array([np.abs(sounding.z - each) <= TRANSITION for each in self.meets]).any(axis=0)
+        near = np.array([np.abs(sounding.z - elevation) <= TRANSITION for elevation in self.meets]).any(axis=0)
         return self.inside(sounding.z) & (types >= 0) & (apart > np.where(near, 0, 1))
 
 
@@ -196,16 +196,16 @@ def proposed_layers(soundings: list[Sounding], stresses: Stresses) -> list[Propo
     edges = np.arange(top, bottom - STEP, -STEP)
     indices = np.full((len(soundings), len(edges)), np.nan)
     readings = np.zeros(len(edges), int)
-    for row, each in zip(indices, soundings, strict=True):
-        index = behaviour_index(each, stresses)
-        interval = np.floor((top - each.z) / STEP).astype(int)
+    for row, sounding in zip(indices, soundings, strict=True):
+        index = behaviour_index(sounding, stresses)
+        interval = np.floor((top - sounding.z) / STEP).astype(int)
         valid = np.isfinite(index) & (interval < len(edges))
         counts = np.bincount(interval[valid], minlength=len(edges))
         readings += counts
         row[:] = np.bincount(interval[valid], index[valid], minlength=len(edges)) / np.where(counts > 0, counts, np.nan)
-    known = np.isfinite(indices).any(axis=0)
-    mean = np.array([np.nanmedian(column) for column in indices[:, known].T])
-    starts, readings = edges[known], readings[known]
+    seen = np.isfinite(indices).any(axis=0)
+    mean = np.array([np.nanmedian(column) for column in indices[:, seen].T])
+    starts, readings = edges[seen], readings[seen]
     kinds, tops = _merged(np.searchsorted(LIMITS, mean), starts)
     tops[0] = top
     while len(kinds) > 1:
@@ -218,10 +218,10 @@ def proposed_layers(soundings: list[Sounding], stresses: Stresses) -> list[Propo
         k = int(np.argmin(thick / least))
         if thick[k] >= least[k]:
             break
-        own = [mean[(starts <= high) & (starts > low)].mean() for high, low in zip(tops, ends, strict=True)]
+        means = [mean[(starts <= high) & (starts > low)].mean() for high, low in zip(tops, ends, strict=True)]
         sides = [j for j in (k - 1, k + 1) if 0 <= j < len(kinds)]
         # The neighbour of the nearer type takes it over, of two that of the nearer index.
-        kinds[k] = kinds[min(sides, key=lambda j: (abs(kinds[j] - kinds[k]), abs(own[j] - own[k])))]
+        kinds[k] = kinds[min(sides, key=lambda j: (abs(kinds[j] - kinds[k]), abs(means[j] - means[k])))]
         kinds, tops = _merged(kinds, tops)
     levels = [*tops.tolist(), bottom]
     return [ProposedLayer(TYPES[kind], *between) for kind, between in zip(kinds, pairwise(levels), strict=True)]
@@ -256,11 +256,11 @@ def kind_between(soundings: list[Sounding], stresses: Stresses, top: float, bott
         bottom: elevation (m).
     """
     types = [np.empty(0, int)]
-    for each in soundings:
-        own = types_of(each, stresses)
-        types.append(own[(own >= 0) & (each.z < top) & (each.z >= bottom)])
-    known = np.sort(np.concatenate(types))
-    return TYPES[int(known[known.size // 2])] if known.size else None
+    for sounding in soundings:
+        types_there = types_of(sounding, stresses)
+        types.append(types_there[(types_there >= 0) & (sounding.z < top) & (sounding.z >= bottom)])
+    sorted_types = np.sort(np.concatenate(types))
+    return TYPES[int(sorted_types[sorted_types.size // 2])] if sorted_types.size else None
 
 
 def require_elevations(soundings: list[Sounding]) -> None:
@@ -269,12 +269,14 @@ def require_elevations(soundings: list[Sounding]) -> None:
     Args:
         soundings: to look at.
     """
-    for each in soundings:
-        lacking = [name for name, value in (("x", each.x), ("elevation of the surface", each.top)) if np.isnan(value)]
+    for sounding in soundings:
+        lacking = [
+            name for name, value in (("x", sounding.x), ("elevation of the surface", sounding.top)) if np.isnan(value)
+        ]
         if lacking:
             raise SiteError(
-                f"{each.file}: sounding {shown(each.name)} has no {lacking[0]}: write it into the file, in a CSV as a "
-                "column x [m] or top [m]"
+                f"{sounding.file}: sounding {shown(sounding.name)} has no {lacking[0]}: write it into the file, in a "
+                "CSV as a column x [m] or top [m]"
             )
 
 
@@ -284,7 +286,7 @@ def extent_of(soundings: list[Sounding]) -> tuple[float, float]:
     Args:
         soundings: with elevations.
     """
-    return max(each.top for each in soundings), float(min(each.z.min() for each in soundings))
+    return max(sounding.top for sounding in soundings), float(min(sounding.z.min() for sounding in soundings))
 
 
 def thinned(elevation: Values, valid: npt.NDArray[np.bool_], apart: float) -> npt.NDArray[np.int64]:

@@ -134,35 +134,38 @@ def sounding_of(record: Record) -> Sounding:
     table = {column: values[order] for column, values in table.items()}
     depth = _depths(where, table)
     measured = ~(np.where(np.isfinite(table["length"]), table["length"], depth) < record.predrilled)
-    if left := int((np.isfinite(table["cone"]) & ~measured).sum()):
-        check.warn(f"{where}: {left} readings above the pre-drilled depth of {record.predrilled:g} m are left out")
+    if dropped := int((np.isfinite(table["cone"]) & ~measured).sum()):
+        check.warn(f"{where}: {dropped} readings above the pre-drilled depth of {record.predrilled:g} m are left out")
     table, depth = {column: values[measured] for column, values in table.items()}, depth[measured]
     sleeve = np.where(table["sleeve"] > 0, table["sleeve"], math.nan)
     cone, total, pore = table["cone"], table["total"], table["pore"]
     ratio = np.where(np.isfinite(table["area_ratio"]), table["area_ratio"], record.area_ratio or math.nan)
-    known = np.unique(ratio[np.isfinite(ratio)])
+    ratios = np.unique(ratio[np.isfinite(ratio)])
     by_pore = (1 - ratio) * pore
     corrected = np.where(np.isfinite(total), total, cone + by_pore)
     _check_total(where, total, cone + by_pore)
     cone = np.where(np.isfinite(cone), cone, np.where(np.isfinite(by_pore), total - by_pore, total))
     sleeve = np.where(np.isfinite(sleeve), sleeve, table["friction_ratio"] * cone)
-    own = np.isfinite(total).any() or known.size > 1
+    has_total = np.isfinite(total).any() or ratios.size > 1
     made = Sounding(
         name=name, file=record.file, x=record.x, y=record.y, top=record.top, datum=record.datum,
         depth=depth, cone=cone, sleeve=sleeve, pore=pore,
-        area_ratio=float(known[0]) if known.size == 1 else None, water=_water(where, record.water),
-        corrected=corrected if own else None, projection=record.projection,
+        area_ratio=float(ratios[0]) if ratios.size == 1 else None, water=_water(where, record.water),
+        corrected=corrected if has_total else None, projection=record.projection,
     )  # fmt: skip
-    for each in known:
-        if not 0.3 <= each <= 1:
-            raise SiteError(f"{where} has a net area ratio of {each:g}: cones have 0.3 to 1")
+    for area_ratio in ratios:
+        if not 0.3 <= area_ratio <= 1:
+            raise SiteError(f"{where} has a net area ratio of {area_ratio:g}: cones have 0.3 to 1")
     return checked(made)
 
 
-def _check_total(where: str, total: Values, own: Values) -> None:
+def _check_total(where: str, total: Values, computed: Values) -> None:
     """Warn of a q_t that is not that of q_c, u_2 and area ratio."""
-    both = np.isfinite(total) & np.isfinite(own)
-    if both.any() and (apart := float(np.median(np.abs(own - total)[both] / np.median(np.abs(total[both]))))) > 0.02:
+    both = np.isfinite(total) & np.isfinite(computed)
+    if (
+        both.any()
+        and (apart := float(np.median(np.abs(computed - total)[both] / np.median(np.abs(total[both]))))) > 0.02
+    ):
         check.warn(
             f"{where}: q_t differs from q_c + (1 - a) u_2 by {apart:.0%} in the median, and is used: compare area "
             "ratio and units"
@@ -172,8 +175,8 @@ def _check_total(where: str, total: Values, own: Values) -> None:
 def _depths(where: str, table: Mapping[str, Values]) -> Values:
     """Depth (n,) m, of the penetration length where it is not given, less what inclination takes from it."""
     length, depth, inclination = (table[name] for name in ("length", "depth", "inclination"))
-    placed, known = np.isfinite(length), np.isfinite(depth)
-    if not placed.any() or not (placed & ~known).any():
+    placed, deep = np.isfinite(length), np.isfinite(depth)
+    if not placed.any() or not (placed & ~deep).any():
         return depth
     leaning = placed & np.isfinite(inclination)
     if leaning.any() and (worst := float(np.abs(inclination[leaning]).max())) > STEEPEST:
@@ -182,13 +185,13 @@ def _depths(where: str, table: Mapping[str, Values]) -> Values:
     angle = np.interp(length, length[leaning], inclination[leaning]) if leaning.any() else np.zeros(length.size)
     upright = np.full(length.size, math.nan)
     upright[placed] = np.cumsum(np.cos(np.deg2rad(angle[placed])) * np.diff(length[placed], prepend=0.0))
-    both = placed & known
+    both = placed & deep
     if both.any():
         upright = upright + np.interp(length, length[both], (depth - upright)[both])
-        missing = int((placed & ~known & (np.isfinite(table["cone"]) | np.isfinite(table["total"]))).sum())
+        missing = int((placed & ~deep & (np.isfinite(table["cone"]) | np.isfinite(table["total"]))).sum())
         if missing:
             check.warn(f"{where}: {missing} readings have no corrected depth and are placed by their length")
-    return np.where(known, depth, upright)
+    return np.where(deep, depth, upright)
 
 
 def _water(where: str, depth: float) -> float | None:
@@ -215,12 +218,12 @@ def checked(sounding: Sounding) -> Sounding:
         SiteError: numbers in another unit, or nothing measured.
     """
     where = f"{sounding.file}: sounding {shown(sounding.name)}"
-    known = np.isfinite(sounding.depth) & (sounding.depth >= 0)
+    valid = np.isfinite(sounding.depth) & (sounding.depth >= 0)
     read = np.isfinite(sounding.cone) & (sounding.cone > 0)
-    if lost := int((read & ~known).sum()) if known.any() else 0:
+    if lost := int((read & ~valid).sum()) if valid.any() else 0:
         check.warn(f"{where}: {lost} readings without a depth of 0 or more are left out")
     names = ("depth", "cone", "sleeve", "pore", *(() if sounding.corrected is None else ("corrected",)))
-    columns = {name: getattr(sounding, name)[known] for name in names}
+    columns = {name: getattr(sounding, name)[valid] for name in names}
     depth = columns["depth"]
     if depth.size == 0:
         raise SiteError(f"{where} has no depths of 0 or more: depths count down from the surface, in metres")
@@ -248,9 +251,9 @@ def _averaged(columns: Mapping[str, Values]) -> dict[str, Values]:
     depth, row = np.unique(columns["depth"], return_inverse=True)
 
     def mean(values: Values) -> Values:
-        known = np.isfinite(values)
-        counts = np.bincount(row[known], minlength=depth.size)
-        sums = np.bincount(row[known], values[known], minlength=depth.size)
+        finite = np.isfinite(values)
+        counts = np.bincount(row[finite], minlength=depth.size)
+        sums = np.bincount(row[finite], values[finite], minlength=depth.size)
         return np.where(counts > 0, sums / np.maximum(counts, 1), math.nan)
 
     return {"depth": depth} | {name: mean(values) for name, values in columns.items() if name != "depth"}
