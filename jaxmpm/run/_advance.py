@@ -11,10 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.sharding import Mesh
 
 from jaxmpm._step import stepped
 from jaxmpm.laws import hardens, snaps_back
 from jaxmpm.run._columns import recorded
+from jaxmpm.run._devices import over_devices
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
@@ -97,31 +99,34 @@ def repeat(state: State, count: int) -> State:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), state)
 
 
-@partial(jax.jit, static_argnames="axes", donate_argnames="state")
-def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None) -> State:
+@partial(jax.jit, static_argnames=("axes", "mesh"), donate_argnames="state")
+def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None, mesh: Mesh | None = None) -> State:
     """Compiled `advance` over lanes; the given state is donated.
 
     On CPU lanes run one after the other, each for all its steps, so that a lane stays in cache; a vmapped step would
     stream all lanes through memory. On other devices they run side by side, and a lane alone runs as one without a
-    batch, whose loop selects no state.
+    batch, whose loop selects no state. Devices of a mesh run their own lanes at the same time.
 
     Args:
         scene: to run.
         state: of one lane, or of B with `axes`.
         steps: () for all lanes, or (B,) for each.
         axes: leaves of the scene that have lanes first, None without lanes; static.
+        mesh: devices that share the lanes, None for one; static.
 
     Returns:
         State.
     """
-    if jax.default_backend() == "cpu":
-        one = jax.custom_batching.sequential_vmap(advance)
-    elif axes is not None and state.step.shape == (1,):
-        alone = advance(take(scene, 0, axes), take(state, 0), jnp.ravel(steps)[0])
-        return jax.tree.map(lambda leaf: leaf[None], alone)
-    else:
-        one = advance
-    return over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
+    in_turn = jax.default_backend() == "cpu"
+
+    def of_one_device(scene: Scene, state: State, steps: Array) -> State:
+        if axes is not None and not in_turn and state.step.shape == (1,):
+            alone = advance(take(scene, 0, axes), take(state, 0), jnp.ravel(steps)[0])
+            return jax.tree.map(lambda leaf: leaf[None], alone)
+        one = jax.custom_batching.sequential_vmap(advance) if in_turn else advance
+        return over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
+
+    return over_devices(of_one_device, axes, steps, mesh)(scene, state, steps)
 
 
 def is_none(node: object) -> bool:

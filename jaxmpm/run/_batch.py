@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm.run._advance import advance_lanes, is_none, take
+from jaxmpm.run._devices import mesh_of, placed
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Rule, SlidesEnd, Watch, farthest, steps_until
 from jaxmpm.types import Scene, State, Status
@@ -168,17 +169,19 @@ class Batch:
         Returns:
             Batch.
         """
-        state = advance_lanes(self.scene, self.state, jnp.asarray(self.chunk), self.axes)
+        mesh = mesh_of(len(self.numbers))
+        scene, state = placed(self.scene, self.state, self.axes, mesh)
+        state = advance_lanes(scene, state, jnp.asarray(self.chunk), self.axes, mesh)
         elapsed = self.chunk * self.time_step
-        watch, status = self.watch.apply(self.scene, state, self.axes, elapsed)
+        watch, status = self.watch.apply(scene, state, self.axes, elapsed)
         step = np.asarray(state.step)
         over = (status == Status.RUNNING) & (step >= self.total)
         if slides_end is not None and over.any():
             last = np.array([steps_until(slides_end.time, dt) for dt in self.time_step])
-            reached = np.asarray(farthest(self.scene, state, self.axes, slides_end.least_volume))
+            reached = np.asarray(farthest(scene, state, self.axes, slides_end.least_volume))
             over &= (step >= last) | (reached <= slides_end.displacement)
         ended = jnp.asarray(np.where(over, Status.FINISHED, status), jnp.int32)
-        return replace(self, state=replace(state, status=ended), watch=watch)
+        return replace(self, scene=scene, state=replace(state, status=ended), watch=watch)
 
     def refill(self, lane: int, sample: Sample | None) -> Batch:
         """The batch with another sample in a lane, or none."""

@@ -1,0 +1,65 @@
+"""Lanes over the devices of a machine: each device runs its own, and no step waits for another device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from jaxmpm.types import Scene, State
+
+LANES, ALL = PartitionSpec("lanes"), PartitionSpec()
+
+
+def mesh_of(lanes: int) -> Mesh | None:
+    """The devices that share some lanes evenly: as many of this process as divide their number.
+
+    Args:
+        lanes: their number.
+
+    Returns:
+        Mesh with the axis "lanes"; None for one device, also where `jax.default_device` names one.
+    """
+    devices = jax.local_devices() if jax.config.jax_default_device is None else []
+    count = max((n for n in range(1, min(lanes, len(devices)) + 1) if lanes % n == 0), default=1)
+    return Mesh(np.array(devices[:count]), ("lanes",)) if count > 1 else None
+
+
+def placed(scene: Scene, state: State, axes: Scene, mesh: Mesh | None) -> tuple[Scene, State]:
+    """Scene and state of some lanes where their devices have them; as they are on a machine with one device.
+
+    Args:
+        scene: of all lanes.
+        state: of all lanes.
+        axes: leaves of the scene that have lanes first.
+        mesh: of these lanes.
+    """
+    if len(jax.local_devices()) == 1 or jax.config.jax_default_device is not None:
+        return scene, state
+    if mesh is None:
+        return jax.device_put((scene, state), jax.local_devices()[0])
+    every, lane = NamedSharding(mesh, ALL), NamedSharding(mesh, LANES)
+    where = jax.tree.map(lambda axis: every if axis is None else lane, axes, is_leaf=lambda node: node is None)
+    return jax.device_put(scene, where), jax.device_put(state, lane)
+
+
+def over_devices(
+    function: Callable[[Scene, State, Array], State], axes: Scene | None, steps: Array, mesh: Mesh | None
+) -> Callable[[Scene, State, Array], State]:
+    """The function of lanes, of which each device of a mesh computes its own.
+
+    Args:
+        function: of scene, state and steps of lanes.
+        axes: leaves of the scene that have lanes first.
+        steps: () for all lanes, or (B,) for each.
+        mesh: of the lanes, None for one device.
+    """
+    if mesh is None:
+        return function
+    scene: Any = jax.tree.map(lambda axis: ALL if axis is None else LANES, axes, is_leaf=lambda node: node is None)
+    parts = (scene, LANES, LANES if np.ndim(steps) else ALL)
+    return jax.shard_map(function, mesh=mesh, in_specs=parts, out_specs=LANES, check_vma=False)
