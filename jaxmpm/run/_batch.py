@@ -20,6 +20,9 @@ from jaxmpm.types import Scene, State, Status
 
 Tree = TypeVar("Tree")
 
+QUARTER = 4
+"""Lanes at the start over lanes at the end, when the last samples run."""
+
 
 @dataclass(frozen=True)
 class Chunk:
@@ -202,19 +205,22 @@ class Batch:
             chunk=np.where(here, chunk, self.chunk),
         )
 
-    def shrink(self) -> Batch:
-        """The batch with fewer lanes, once half of them have no sample.
+    def shrink(self, first: int) -> Batch:
+        """The batch with a quarter of its first lanes, once the others have no sample.
 
-        The width is the power of two that the others need, so that the ends of many batches share a few programs.
+        Where lanes run one after the other, on a CPU, a lane without a sample costs nothing, and none is dropped. Else
+        the end of many samples takes one program more than their start.
+
+        Args:
+            first: number of lanes at the start.
 
         Returns:
             Batch.
         """
-        busy, lanes = self.busy, len(self.numbers)
-        width = 1 << (len(busy) - 1).bit_length() if busy else lanes
-        if width > lanes // 2:
+        busy, width = self.busy, -(-first // QUARTER)
+        if jax.default_backend() == "cpu" or width >= len(self.numbers) or not 0 < len(busy) <= width:
             return self
-        empty = [lane for lane in range(lanes) if self.numbers[lane] is None]
+        empty = [lane for lane in range(len(self.numbers)) if self.numbers[lane] is None]
         keep = np.asarray(sorted([*busy, *empty[: width - len(busy)]]))
         return replace(
             self,

@@ -35,9 +35,9 @@ def solve_each(
 ) -> Iterator[tuple[int, Result]]:
     """Run every sample and yield its result as it ends, not in order.
 
-    Results depend neither on `width` nor on the samples that run beside. When at most half the lanes have a sample,
-    towards the end, the batch shrinks. A sample with a value that is not finite or beyond its limit takes no step and
-    ends as BAD_PARAMETER.
+    Results depend neither on `width` nor on the samples that run beside. Where lanes run side by side, on a GPU, the
+    batch drops to a quarter of its lanes once the last samples fit in. A sample with a value that is not finite or
+    beyond its limit takes no step and ends as BAD_PARAMETER.
 
     Args:
         scene: that samples vary.
@@ -104,7 +104,7 @@ def solve_each(
         for lane in batch.ended:
             yield batch.number(lane), batch.result(lane)
             batch = batch.refill(lane, next(samples, None))
-        batch = batch.shrink()
+        batch = batch.shrink(len(first))
 
 
 def _drawn(

@@ -125,17 +125,19 @@ def test_only_what_samples_differ_in_has_lanes():
     assert [jax.tree_util.keystr(path) for path in lanes] == [".material.strength"]
 
 
-def test_a_batch_shrinks_to_powers_of_two_so_that_ends_share_programs():
+@pytest.mark.parametrize(("backend", "expected"), [("gpu", [9, 9, 9, 9, 9, 3, 3, 3]), ("cpu", [9] * 8)])
+def test_a_batch_has_two_widths_where_lanes_run_side_by_side_and_one_on_a_cpu(backend, expected, monkeypatch):
     scene, state = built()
     samples = [Sample(i, *vary(scene, state, {"strength": 9e3 + i}), None) for i in range(9)]
     batch, widths = Batch.of(scene, samples, t_end=1.0, every=0.25), []
+    monkeypatch.setattr(jax, "default_backend", lambda: backend)
     for gone in range(8):
-        batch = batch.refill(batch.numbers.index(gone), None).shrink()
+        batch = batch.refill(batch.numbers.index(gone), None).shrink(9)
         assert sorted(batch.number(lane) for lane in batch.busy) == list(range(gone + 1, 9))
         for lane in batch.busy:
             assert float(batch.scene.material.strength[lane]) == 9e3 + batch.number(lane)
         widths.append(len(batch.numbers))
-    assert widths == [9, 9, 9, 9, 4, 4, 2, 1]
+    assert widths == expected
 
 
 def test_values_are_drawn_one_by_one():
