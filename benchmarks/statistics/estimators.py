@@ -33,6 +33,9 @@ interval leaves open stands over the one-sided binomial limit of as many refined
 `upper_without_failures_over_binomial_max`. No interval that holds whatever the ranks are worth can be narrower than
 that (`cooperative.estimate._alike`); the limit of all N samples is a fifth of it.
 
+Subset simulation goes down 2 to 7 levels to a P_f of as many powers of ten, with 10 and 50 chains in each of 8
+replicates: `coverage_subset_min` and `coverage_subset_max` are over all twelve.
+
 Means of consequences over the failures, from the audit or from a part of its failures that slid on, have intervals of
 their own (`coverage_mean_min`, `coverage_mean_max`; `benchmarks.statistics.estimators_means`).
 
@@ -209,6 +212,21 @@ def alike_values(rows: list[dict[str, Any]]) -> dict[str, float]:
     }
 
 
+def subset_cases() -> list[Case]:
+    """Subset simulation down to where its last level begins, with few chains and with more."""
+    return [
+        Case("subset simulation, two-phase", 10.0**-levels, 0.98, per_level, runs, levels=levels)
+        for levels in range(2, 8)
+        for per_level, runs in ((100, 60), (500, 200))
+    ]
+
+
+def subset_values(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Coverage over levels and chains."""
+    coverage = [row["coverage"] for row in rows]
+    return {"coverage_subset_min": min(coverage), "coverage_subset_max": max(coverage)}
+
+
 def runs_for_cov(rows: list[dict[str, Any]], target: float) -> float:
     """Refined runs at which the measured error meets `target`, from a fit of rmse^2 = a + b / refined runs."""
     runs = np.array([row["refined_runs"] for row in rows])
@@ -250,7 +268,7 @@ def run(quick: bool = False) -> Report:
     repetitions, fewer = (40, 40) if quick else (2000, 500)
     study, ranking = cases(), ranking_cases()
     budgets = [Case("two-phase", 0.244, 0.95, 750, runs) for runs in (52, 64, 90)]
-    to_target, linked, same = target_cases(), link_cases(), alike_cases()
+    to_target, linked, same, deep = target_cases(), link_cases(), alike_cases(), subset_cases()
     todo = sorted([*study, *budgets, *ranking, *to_target], key=lambda case: -case.samples)
     if quick:
         todo = [case for case in todo if case.samples <= 5000]
@@ -259,11 +277,11 @@ def run(quick: bool = False) -> Report:
     # The shortest campaigns scatter most.
     shortest = [case for case in linked if (case.pf, case.target_cov) == (0.244, 0.25)]
     asked += [(repeat, case, repetitions if case in shortest else fewer) for case in linked]
-    asked += [(repeat, case, fewer) for case in same]
+    asked += [(repeat, case, fewer) for case in (*same, *deep)]
     asked += [(means.repeat, case, fewer) for case in means.CASES]
     asked += [(section.repeat, case, repetitions) for case in on_section]
     answer = {(what, case): rows for (what, case, _), rows in zip(asked, measured(asked, quick), strict=True)}
-    table = {case: summarise(case, answer[repeat, case]) for case in [*todo, *linked]}
+    table = {case: summarise(case, answer[repeat, case]) for case in [*todo, *linked, *deep]}
     alike = [alike_row(case, answer[repeat, case]) for case in same]
     of_failures = [means.summarise(case, answer[means.repeat, case]) for case in means.CASES]
     population = [section.summarise(*case, answer[section.repeat, case]) for case in on_section]
@@ -287,6 +305,7 @@ def run(quick: bool = False) -> Report:
         "mean_repetitions": fewer,
         **link_values([table[case] for case in [*to_target, *linked]]),
         **alike_values(alike),
+        **subset_values([table[case] for case in deep]),
         **means.values(of_failures),
         **section.values(population),
     }

@@ -23,7 +23,7 @@ class Case:
     """One cell of the study. pf: truth. samples: N of the first phase. runs: of the second.
     contaminated: share of samples whose rough response shows nothing, which no model here foresees. link: how the
     responses of both grids hang together, a name in `LINKS`. target_cov: coefficient of variation at which the audit
-    ends before its runs are spent."""
+    ends before its runs are spent. levels: of subset simulation, with `samples` per level and replicate."""
 
     method: str
     pf: float
@@ -33,6 +33,7 @@ class Case:
     contaminated: float = 0.0
     link: str = "normal"
     target_cov: float | None = None
+    levels: int = 3
 
 
 Pair = tuple[np.ndarray, np.ndarray]
@@ -114,12 +115,14 @@ def _subset(case: Case, seed: int) -> tuple[Estimate, int]:
     """Estimate and rough runs spent; the refined response depends on a coefficient of its own."""
     threshold = float(np.exp(-norm.isf(ROUGH_FAILS * case.pf)))
     samples = subset_simulation(
-        lambda xi: threshold * np.exp(xi[:, 0]), 4, SubsetPlan(per_level=case.samples, levels=3, seed=seed)
+        lambda xi: threshold * np.exp(xi[:, 0]), 4, SubsetPlan(per_level=case.samples, levels=case.levels, seed=seed)
     )
     xi = samples.coefficients
     refined = case.correlation * xi[:, 0] + np.sqrt(1 - case.correlation**2) * xi[:, 1]
     failed = refined > norm.isf(case.pf)
-    population = Population(samples.rough_displacement, weight=samples.weight, replicate=samples.replicate)
+    population = Population(
+        samples.rough_displacement, weight=samples.weight, replicate=samples.replicate, chains=samples.chains
+    )
     plan = AuditPlan(runs=case.runs, seed=seed, growth=0.5, proving=0)
     answer = two_phase(population, dict(enumerate(failed.tolist())), plan)
     return answer, samples.rough_runs

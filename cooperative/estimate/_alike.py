@@ -34,7 +34,8 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from cooperative.estimate._audit import Wave
-from cooperative.estimate._estimates import exact_limit, quantile
+from cooperative.estimate._chains import Chains
+from cooperative.estimate._estimates import LEAST_FREEDOM, exact_limit, lognormal_limits
 from cooperative.estimate._protocol import Population, Zone
 
 NEVER = 1e-12
@@ -126,19 +127,27 @@ def zone_limit(chance: np.ndarray, zones: Sequence[Zone], *, unanswered: int = 0
 
 
 def ranked_limit(
-    waves: Sequence[Wave], known: np.ndarray, weight: np.ndarray, replicate: np.ndarray | None, *, level: float
+    waves: Sequence[Wave],
+    known: np.ndarray,
+    weight: np.ndarray,
+    replicate: np.ndarray | None,
+    *,
+    chains: Chains | None = None,
+    level: float,
 ) -> float:
     """Upper limit of P_f where no draw has met a failure, for an audit that trusts the ranks (proving = 0).
 
     It presumes that failures rank above all that stands but what was drawn: it is the weight of the first ranks of
     which the draws would have met one with a probability of `level`. The weight of ranks is itself an estimate where
-    chains of subset simulation gave it: its limit is Student's over the replicates.
+    chains of subset simulation gave it: its limit is that of a lognormal mean with the scatter of the replicates, or of
+    their chains where that is larger.
 
     Args:
         waves: complete ones.
         known: ranks that ran (N,) bool.
         weight: by rank (N,).
         replicate: by rank (N,), None for independent samples.
+        chains: by rank, None where they are not known.
         level: confidence level of the limit.
     """
     # It holds at every look (Ville 1939), so what an earlier wave left open no later one opens again.
@@ -146,7 +155,7 @@ def ranked_limit(
     if len(waves) > 1:
         before = known.copy()
         before[waves[-1].ranks] = False
-        earlier = ranked_limit(waves[:-1], before, weight, replicate, level=level)
+        earlier = ranked_limit(waves[:-1], before, weight, replicate, chains=chains, level=level)
     log_missed, open_ = np.zeros(weight.size), ~known
     for wave in waves:
         reached = np.cumsum(np.where(open_, wave.chance, 0.0))
@@ -158,8 +167,11 @@ def ranked_limit(
     if replicate is None:
         return min(share + exact_limit(weight.size, level), earlier)
     weights = np.bincount(np.unique(replicate, return_inverse=True)[1][ranks], weight[ranks], np.unique(replicate).size)
-    error = float(weights.std(ddof=1)) * np.sqrt(weights.size)
-    return min(share + float(quantile(2 * level - 1, np.array(weights.size - 1.0))) * error, earlier)
+    square, freedom = float(weights.var(ddof=1)) * weights.size / share**2, weights.size - 1.0
+    if chains is not None:
+        square = max(square, chains.relative_variance((np.arange(weight.size) <= first).astype(float)))
+        freedom = max(freedom, LEAST_FREEDOM)
+    return min(lognormal_limits(share, float(np.sqrt(square)), freedom, 2 * level - 1)[1], 1.0, earlier)
 
 
 def limit_alike(
@@ -169,6 +181,7 @@ def limit_alike(
     known: np.ndarray,
     weight: np.ndarray,
     replicate: np.ndarray | None,
+    chains: Chains | None = None,
     unanswered: tuple[int, int],
     proving: int,
     level: float,
@@ -181,6 +194,7 @@ def limit_alike(
         known: ranks that ran (N,) bool.
         weight: by rank (N,).
         replicate: by rank (N,), None for independent samples.
+        chains: by rank, None where they are not known.
         unanswered: runs without an answer: draws, and others.
         proving: 0 trusts the ranks.
         level: confidence level of the limit.
@@ -189,7 +203,7 @@ def limit_alike(
     if known.all() and not drawn + certain and population.zones is None and replicate is None:
         return exact_limit(population.size, level)
     if not proving:
-        return ranked_limit(waves, known, weight, replicate, level=level)
+        return ranked_limit(waves, known, weight, replicate, chains=chains, level=level)
     chance = even_chance(waves)
     if population.zones is not None:
         return zone_limit(chance, population.zones, unanswered=drawn + certain, level=level)

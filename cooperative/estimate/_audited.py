@@ -179,8 +179,8 @@ class Subset(Audited):
         if samples is None:
             return None
         return Population(
-            samples.rough_displacement, weight=samples.weight, replicate=samples.replicate, number=samples.number,
-            failure_displacement=sampling.failure_displacement,
+            samples.rough_displacement, weight=samples.weight, replicate=samples.replicate, chains=samples.chains,
+            number=samples.number, failure_displacement=sampling.failure_displacement,
         )  # fmt: skip
 
 

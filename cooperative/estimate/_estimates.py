@@ -66,6 +66,7 @@ def with_variance(
     independent: float = np.inf,
     failed: float = np.inf,
     stand: float = np.inf,
+    skewed: bool = False,
 ) -> Estimate:
     """An estimate from P_f and its variance.
 
@@ -87,6 +88,7 @@ def with_variance(
             0.26.
         failed: runs seen to fail; fewer than `RARE` show no more than so many independent failures would.
         stand: runs seen to stand, likewise.
+        skewed: whether the estimate is a product of several factors, whose logarithm is nearer to normal.
     """
     # Ten weights of 0.1 add up to 1 - 1e-16.
     share = 1.0 if probability > 1 - 1e-12 else max(probability, 0.0)
@@ -101,6 +103,10 @@ def with_variance(
         interval = count_interval(
             share * independent, independent, level, freedom=freedom, failed=failed, stand=stand, among=among
         )
+    if skewed and 0 < share < 1 and variance > 0:
+        low, high = lognormal_limits(share, cov, freedom, level)
+        # Of few failures the number bounds P_f, too.
+        interval = (min(low, interval[0]) if failed < RARE else low, min(high, 1.0))
     if unseen is not None:
         sampling, (low, high) = interval, interval
         interval = (low, min(share + float(np.hypot(high - share, unseen)), 1.0))
@@ -249,6 +255,20 @@ def wilson_limits(
     # At the ends the limit is exactly 0 or 1; rounding must not put it beyond.
     low = np.where(share == 0, 0.0, np.maximum(centre - half, 0.0))
     return low, np.where(share == 1, 1.0, np.minimum(centre + half, 1.0))
+
+
+def lognormal_limits(mean: float, cov: float, freedom: float, level: float) -> tuple[float, float]:
+    """Confidence limits of the mean of a lognormal estimate, of which most values lie below it.
+
+    Args:
+        mean: the estimate, above 0.
+        cov: its coefficient of variation.
+        freedom: degrees of freedom of `cov`.
+        level: confidence level.
+    """
+    variance = float(np.log1p(cov**2))
+    half = float(quantile(level, np.array(freedom))) * np.sqrt(variance)
+    return mean * float(np.exp(variance / 2 - half)), mean * float(np.exp(min(variance / 2 + half, 700.0)))
 
 
 def quantile(level: float, freedom: np.ndarray) -> np.ndarray:

@@ -8,11 +8,12 @@ is known, so that the answer does not depend on what ran at once, in which order
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NoReturn, Protocol, runtime_checkable
 
 import numpy as np
 
+from cooperative.estimate._chains import Chains
 from cooperative.estimate._estimates import Estimate
 
 Answers = Mapping[int, bool | None]
@@ -100,6 +101,7 @@ class Population:
         weight: (N,), summing to 1, equal if None.
         replicate: (N,) int, the independent runs of subset simulation that the samples came from; None if all N samples
             are independent.
+        chains: which of the samples the chains of these runs visited, None where that is not known.
         number: (N,) int, of each sample in the campaign, 0 to N - 1 if None.
         failure_displacement: beyond which a sample has failed (m).
         zones: what each stands for of the samples of a coarser grid (N,), None where there is none.
@@ -110,6 +112,7 @@ class Population:
     broke_off: np.ndarray | None = None
     weight: np.ndarray | None = None
     replicate: np.ndarray | None = None
+    chains: Chains | None = field(default=None, kw_only=True)
     number: np.ndarray | None = None
     failure_displacement: float = 1.0
     zones: tuple[Zone, ...] | None = None

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cooperative.estimate._chains import Chains
 from cooperative.estimate._protocol import Screened
 
 
@@ -60,6 +61,7 @@ class SubsetSamples:
         number: (N,) which of all the rough solutions it is, in the order asked for; those that no chain accepted are
             left out.
         rough_runs: rough solutions spent.
+        chains: which of the samples the chains visited.
     """
 
     coefficients: np.ndarray
@@ -68,6 +70,7 @@ class SubsetSamples:
     replicate: np.ndarray
     number: np.ndarray
     rough_runs: int
+    chains: Chains
 
 
 def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, plan: SubsetPlan) -> SubsetSamples:
@@ -96,32 +99,37 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
         )
     count = plan.rough_runs // plan.replicates
     parts = [_one_run(rough, modes, plan, chains, replicate) for replicate in range(plan.replicates)]
-    coefficients, displacement, weight, number = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    coefficients, displacement, weight, number, *_ = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    size = np.array([len(part[1]) for part in parts])
+    replicate = np.repeat(np.arange(plan.replicates), size)
+    visits, seeds = (np.stack(arrays) for arrays in list(zip(*parts, strict=True))[4:])
     return SubsetSamples(
         coefficients,
         displacement,
         weight / plan.replicates,
-        np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
-        number + count * np.repeat(np.arange(plan.replicates), [len(part[1]) for part in parts]),
+        replicate,
+        number + count * replicate,
         plan.rough_runs,
+        Chains(visits + (np.cumsum(size) - size)[:, None, None], seeds),
     )
 
 
 def _one_run(
     rough: Callable[[np.ndarray], np.ndarray], modes: int, plan: SubsetPlan, chains: int, replicate: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients, responses, weights and numbers, each sample once."""
+) -> tuple[np.ndarray, ...]:
+    """Coefficients, responses, weights and numbers, each sample once; positions visited, and seeds, by level."""
     generator = np.random.default_rng([plan.seed, replicate])
     batches, answered = [generator.standard_normal((plan.per_level, modes))], []
     answered.append(np.nan_to_num(rough(batches[0]), nan=np.inf))
     state, response = np.arange(plan.per_level), answered[0]
     weight = np.zeros(plan.per_level + plan.levels * (plan.per_level - chains))
-    mass = 1.0
+    mass, visits, starts = 1.0, [state], []
     for _ in range(plan.levels):
         order = np.argsort(-response, kind="stable")
         seeds, below = order[:chains], order[chains:]
         # What lies below the threshold stays as this level's stratum; the chains go on from what lies above.
         np.add.at(weight, state[below], mass / plan.per_level)
+        starts.append(seeds)
         threshold, state = response[seeds[-1]], state[seeds]
         visited = [state]
         for _ in range(plan.per_level // chains - 1):
@@ -133,11 +141,15 @@ def _one_run(
             state = np.where(answered[-1] >= threshold, len(coefficients) + np.arange(chains), state)
             visited.append(state)
         state = np.concatenate(visited)
+        visits.append(state)
         response = np.concatenate(answered)[state]
         mass *= chains / plan.per_level
     np.add.at(weight, state, mass / plan.per_level)
     weighted = np.flatnonzero(weight)
-    return np.concatenate(batches)[weighted], np.concatenate(answered)[weighted], weight[weighted], weighted
+    coefficients, responses = np.concatenate(batches)[weighted], np.concatenate(answered)[weighted]
+    # All that was visited has a weight.
+    position = np.searchsorted(weighted, np.stack(visits))
+    return coefficients, responses, weight[weighted], weighted, position, np.array(starts, int).reshape(-1, chains)
 
 
 class _NotYet(Exception):

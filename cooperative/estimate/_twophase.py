@@ -47,7 +47,7 @@ from cooperative.estimate._audit import (
     surprise,
     unseen,
 )
-from cooperative.estimate._estimates import Estimate, exact_limit, with_variance
+from cooperative.estimate._estimates import LEAST_FREEDOM, Estimate, exact_limit, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._nested import first_variance
 from cooperative.estimate._protocol import Answers, Failures, Population
@@ -373,6 +373,7 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
         known=replay.known,
         weight=replay.weight,
         replicate=None if population.replicate is None else population.replicate[replay.order],
+        chains=None if population.chains is None else population.chains.moved(np.argsort(replay.order)),
         unanswered=(gone.size - certain, certain),
         proving=plan.proving,
         level=level,
@@ -435,24 +436,30 @@ def _scattered(
         )
     chance = np.where(np.isnan(replay.outcome), model, replay.outcome)[np.argsort(replay.order)]
     sampling = first_variance(population, min(max(total, 0.0), 1.0), chance)
-    both, freedom = _whole_variance(audit, variance, sampling, grouped)
+    both, freedom = _whole_variance(population, replay, audit, variance, sampling)
     return with_variance(
         "two-phase", total, both, runs, freedom=freedom, audit_variance=variance, level=level, notes=tuple(notes),
         unseen=hidden, independent=np.inf if grouped else float(population.independent),
-        failed=float(np.nansum(replay.outcome)), stand=float(np.nansum(1 - replay.outcome)),
+        failed=float(np.nansum(replay.outcome)), stand=float(np.nansum(1 - replay.outcome)), skewed=grouped,
     )  # fmt: skip
 
 
-def _whole_variance(audit: AuditTotal, variance: float, sampling: float, grouped: bool) -> tuple[float, float]:
+def _whole_variance(
+    population: Population, replay: _Replay, audit: AuditTotal, variance: float, sampling: float
+) -> tuple[float, float]:
     """Variance of all phases and its degrees of freedom; `variance` is that of the audit, `sampling` of those before.
 
     Independent samples scatter binomially. Replicates of subset simulation show by their own scatter what chains,
     levels and audit do together, whatever depends on what within them (random groups; Wolter 2007, Introduction to
-    Variance Estimation, Chapter 2).
+    Variance Estimation, Chapter 2). Where these happen to lie close to each other, chains and audit show more.
     """
-    if grouped:
-        share = audit.by_group * audit.by_group.size
-        return max(float(share.var(ddof=1)) / share.size, variance), share.size - 1.0
-    both = variance + sampling
-    # Welch and Satterthwaite, the part of the sampling being as good as known.
-    return both, audit.effective_draws * (both / variance) ** 2 if variance > 0 else np.inf
+    if population.replicate is None:
+        both = variance + sampling
+        # Welch and Satterthwaite, the part of the sampling being as good as known.
+        return both, audit.effective_draws * (both / variance) ** 2 if variance > 0 else np.inf
+    share, least, freedom = audit.by_group * audit.by_group.size, variance, audit.by_group.size - 1.0
+    if population.chains is not None:
+        chance = np.where(np.isnan(replay.outcome), replay.model, replay.outcome)[np.argsort(replay.order)]
+        least += audit.total**2 * population.chains.relative_variance(chance)
+        freedom = max(freedom, LEAST_FREEDOM)
+    return max(float(share.var(ddof=1)) / share.size, least), freedom

@@ -11,6 +11,8 @@ from cooperative.estimate import (
     subset_simulation,
     two_phase,
 )
+from cooperative.estimate._chains import Chains
+from cooperative.estimate._twophase import path
 from tests.cooperative.estimate.test_twophase import answers
 
 
@@ -44,20 +46,85 @@ def test_subset_simulation_feeds_the_audit():
     assert covered >= 35
 
 
-def deep(seed, correlation=0.98, runs=60, fails=True):
-    """Six levels down to a P_f of 1e-6: its audit, and the share that fails by the levels alone."""
-    pf = 1e-6
-    plan = SubsetPlan(per_level=100, levels=6, replicates=8, seed=seed)
+def subset(seed, levels, correlation=0.98):
+    """Levels down to a P_f that is a power of ten each: their population, and which of it fails."""
+    pf = 10.0**-levels
+    plan = SubsetPlan(per_level=100, levels=levels, replicates=8, seed=seed)
     result = subset_simulation(lambda xi: np.exp(xi[:, 0] - norm.isf(pf)), 3, plan)
     x, y = result.coefficients[:, :2].T
-    failed = (correlation * x + np.sqrt(1 - correlation**2) * y > norm.isf(pf)) & fails
-    population = Population(result.rough_displacement, weight=result.weight, replicate=result.replicate)
-    plan = AuditPlan(runs=runs, seed=seed, growth=0.5, proving=0)
-    return two_phase(population, answers(failed), plan), result.weight[result.rough_displacement > 1].sum()
+    failed = correlation * x + np.sqrt(1 - correlation**2) * y > norm.isf(pf)
+    return Population(
+        result.rough_displacement, weight=result.weight, replicate=result.replicate, chains=result.chains
+    ), failed
+
+
+def deep(seed, levels=6):
+    """An audit of the levels."""
+    population, failed = subset(seed, levels)
+    return two_phase(population, answers(failed), AuditPlan(runs=60, seed=seed, growth=0.5, proving=0))
+
+
+@pytest.mark.slow  # 200 repetitions of ten chains in a level: half a minute.
+@pytest.mark.parametrize("levels", range(2, 8))
+def test_the_interval_covers_at_any_depth_with_few_chains(levels):
+    covered = [low <= 10.0**-levels <= high for low, high in (deep(seed, levels).interval for seed in range(200))]
+    assert np.mean(covered) >= 0.93
+
+
+def test_the_interval_of_five_levels_covers():
+    covered = [low <= 1e-5 <= high for low, high in (deep(seed, 5).interval for seed in range(30))]
+    assert np.sum(covered) >= 28
+
+
+def test_chains_show_the_variance_of_independent_levels():
+    # Every level has samples of its own, of which a quarter lies above.
+    generator = np.random.default_rng(1)
+    replicates, levels, size, chains = 6, 3, 400, 100
+    count = replicates * (levels + 1) * size
+    response = generator.random(count)
+    visits = np.arange(count).reshape(replicates, levels + 1, size)
+    seeds = np.argsort(-response[visits[:, :levels]], axis=2)[:, :, :chains]
+    rows = Chains(visits, seeds)
+    failed = np.zeros(count)
+    failed[visits[:, levels]] = response[visits[:, levels]] > 0.75
+    # Three levels of a quarter, and a quarter of the last one that fails.
+    assert rows.relative_variance(failed) == pytest.approx((1 + 3 / size) ** 4 / replicates - 1 / replicates, rel=0.15)
+    order = generator.permutation(count)
+    moved = rows.moved(np.argsort(order))
+    assert moved.relative_variance(failed[order]) == rows.relative_variance(failed)
+
+
+def test_chains_that_stand_still_count_once():
+    # Ten chains of ten samples that are all alike are ten samples.
+    visits = np.concatenate([np.arange(100), np.tile(np.arange(100, 110), 10)]).reshape(1, 2, 100)
+    chains = Chains(visits, np.arange(10).reshape(1, 1, 10))
+    value = np.zeros(110)
+    value[[100, 103, 104, 107, 108]] = 1.0
+    line = np.linspace(-1, 1, 10)
+    slope = float(value[100:] @ line / (line @ line))
+    last = (10 * 0.25 - slope**2 * float(line @ line)) / 8 / 10 / 0.5**2
+    worth = np.append(0.5 + slope * line, np.zeros(90))
+    first = worth.var(ddof=1) / 100 / worth.mean() ** 2
+    assert chains.relative_variance(value) == pytest.approx((1 + last) * (1 + first) - 1)
+
+
+def test_every_sample_of_a_level_is_a_visit():
+    plan = SubsetPlan(per_level=100, levels=3, replicates=2)
+    result = subset_simulation(lambda xi: xi[:, 0], 2, plan)
+    visits, seeds = result.chains.visits, result.chains.seeds
+    assert visits.shape == (2, 4, 100)
+    assert seeds.shape == (2, 3, 10)
+    assert set(visits.ravel()) == set(range(result.number.size))
+    for replicate, level in np.ndindex(2, 3):
+        at = visits[replicate, level]
+        # The chains of a level start where its best samples are, by falling response.
+        started = result.rough_displacement[at[seeds[replicate, level]]]
+        np.testing.assert_array_equal(started, np.sort(result.rough_displacement[at])[::-1][:10])
+        np.testing.assert_array_equal(visits[replicate, level + 1][:10], at[seeds[replicate, level]])
 
 
 def test_the_audit_of_deep_levels_looks_where_failures_are():
-    estimates = [deep(seed)[0] for seed in range(12)]
+    estimates = [deep(seed) for seed in range(12)]
     shares = np.array([each.probability for each in estimates]) / 1e-6
     # The audit drew no failure in nearly all of these while the model's tail decided where it looked.
     assert np.mean(shares == 0) <= 0.25
@@ -67,15 +134,18 @@ def test_the_audit_of_deep_levels_looks_where_failures_are():
 
 
 def test_deep_levels_without_a_failure_have_a_limit_and_no_probability():
-    widths = []
-    for runs in (20, 60, 120):
-        estimate, rough = deep(0, runs=runs, fails=False)
+    population, failed = subset(0, 6)
+    stands = answers(np.zeros_like(failed))
+    estimates = path(population, stands, AuditPlan(runs=120, growth=0.5, proving=0))
+    rough = population.weights[population.rough_displacement > 1].sum()
+    for estimate in estimates:
         assert (estimate.probability, estimate.interval[0]) == (0.0, 0.0)
         assert "if failures rank above what stands" in " ".join(estimate.notes)
-        widths.append(estimate.interval[1] / rough)
+    widths = [estimate.interval[1] / rough for estimate in estimates]
     # It never rises, and is of the order of what fails on the rough grid.
-    assert widths[0] >= widths[1] >= widths[2]
-    assert widths[0] < 10
+    assert len(widths) > 4
+    assert np.all(np.diff(widths) <= 0)
+    assert widths[2] < 10
 
 
 def test_subset_simulation_takes_runs_that_broke_off_for_the_largest():
