@@ -39,6 +39,12 @@ def known(flags: str) -> bool:
     return subprocess.run(asked, env=os.environ | {"XLA_FLAGS": flags}, capture_output=True).returncode == 0
 
 
+# Where Python may write no bytecode, each process compiles all that it imports: most of what a short child takes.
+if sys.dont_write_bytecode:
+    os.environ["PYTHONDONTWRITEBYTECODE"] = ""
+    sys.pycache_prefix = os.environ.setdefault("PYTHONPYCACHEPREFIX", str(ROOT / ".cache" / "bytecode"))
+    sys.dont_write_bytecode = False
+
 # Before jax reads them; what the environment says already stands, here and below.
 if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = QUICK if known(QUICK) else ""
