@@ -1,6 +1,6 @@
 """What `jaxmpm` offers, and where each name stands; read by type checkers, and at run time by `__init__.py`."""
 
-from . import diagnostics, ground, laws, plot, run, soil, tensors, transfer
+from . import diagnostics, ground, laws, plot, run, seepage, soil, tensors, transfer
 from ._step import step
 from .grid import Grid, Particles, Wall
 from .ground import (
@@ -123,6 +123,7 @@ __all__ = [
     "scene",
     "scene_of",
     "section",
+    "seepage",
     "sensitivity",
     "slope",
     "soil",

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import shapely
@@ -25,6 +25,7 @@ from cooperative.scene.tables import (
     TAIL,
     Budget,
     CrossCorrelation,
+    Drawdown,
     Exposed,
     FromScript,
     Grid,
@@ -33,8 +34,10 @@ from cooperative.scene.tables import (
     Motion,
     Part,
     Plan,
+    Rain,
     RandomField,
     Run,
+    Seepage,
     check_cross_correlation,
     table,
 )
@@ -43,6 +46,10 @@ from jaxmpm import BaseMotion, Discretisation, Exceeds, ground
 from jaxmpm.run import Rule, least_failing_volume
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered
+from jaxmpm.support.text import shown
+
+if TYPE_CHECKING:
+    from jaxmpm.seepage import PressureInTime
 
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
 APART = ("estimator", "coarse")
@@ -67,6 +74,8 @@ class Campaign(Part):
         cross_correlation: of what varies, None without.
         run: how each sample runs.
         motion: record of an earthquake that shakes the base, None for none.
+        rain: that soaks into the ground, None for none.
+        drawdown: of a river or reservoir, None for none.
         estimator: which refined runs there are and what is made of them: one of `cooperative`, or a frozen dataclass
             with the methods of `cooperative.Estimator`.
         hazard: what is stored of slides for maps, None where there are neither maps nor elements at risk.
@@ -92,6 +101,8 @@ class Campaign(Part):
     cross_correlation: CrossCorrelation | None = None
     run: Run = Run()
     motion: Motion | None = None
+    rain: Rain | None = None
+    drawdown: Drawdown | None = None
     estimator: SkipValidation[Estimator] = TwoPhase()
     hazard: Hazard | None = None
     exposed: tuple[Exposed, ...] = ()
@@ -169,6 +180,18 @@ class Campaign(Part):
     def shaking(self) -> BaseMotion | None:
         """The motion of the base along the axes of the ground (m/s2), None for none."""
         return None if self.motion is None else self.motion.of_base(self.dimension)
+
+    @property
+    def seepage(self) -> Seepage | None:
+        """Water that moves, None where none does."""
+        return self.rain if self.drawdown is None else self.drawdown
+
+    @cached_property
+    def flow(self) -> PressureInTime:
+        """Pore pressure in time of the water that moves, solved when first asked for."""
+        from cooperative.scene._flow import flow_of
+
+        return flow_of(self)
 
     @property
     def loads(self) -> dict[str, Any]:
@@ -298,7 +321,9 @@ def check_campaign(campaign: Campaign) -> None:
     """Ranges that no builder looks at."""
     gathered, run = Gathered(), campaign.run
     with gathered.of():
-        check_site(campaign.site, campaign.soil)
+        check_site(campaign.site, campaign.soil, moves=campaign.seepage is not None)
+    with gathered.of():
+        check_moving(campaign)
     with gathered.of():
         run.check_early(softens=campaign.site.softens_linearly(campaign.soil), shaken=campaign.motion is not None)
     with gathered.of():
@@ -368,6 +393,45 @@ def _check_sizes_of_cells(campaign: Campaign) -> None:
             raise ValueError(
                 f"the {wide} grid has cells of {large:g} m, the {fine} one of {small:g} m: give [{wide}] larger cells"
             )
+
+
+def check_moving(campaign: Campaign) -> None:
+    """Check that water which moves goes with the rest of a campaign.
+
+    Args:
+        campaign: the campaign.
+
+    Raises:
+        ValueError: what its pressure does not act on, or what gives another pressure.
+    """
+    table, site = campaign.seepage, campaign.site
+    if table is None:
+        return
+    name = "rain" if campaign.drawdown is None else "drawdown"
+    table.check_complete()
+    if campaign.rain is not None and campaign.drawdown is not None:
+        raise ValueError("the scene has [rain] and [drawdown], of which each has rate and level: leave one out")
+    if site.r_u is not None:
+        raise ValueError(f"r_u = {site.r_u:g} beside [{name}], whose flow gives the pore pressure: leave one out")
+    if site.level is not None:
+        raise ValueError(f"[water.level] is random beside [{name}], whose flow begins with one level: give its mean")
+    if site.ends == "free field":
+        raise ValueError(f"ends = 'free field' beside [{name}], whose pressure the columns do not have: take rollers")
+    soils = site.soils(campaign.soil)
+    if all(getattr(each.soil, "friction", None) is None for each in soils):
+        raise ValueError(
+            f"[{name}] in undrained soil, whose strength does not depend on pore pressure: give cohesion and friction"
+        )
+    if site.by_stress(campaign.soil) is not None:
+        raise ValueError(f"strength_ratio beside [{name}], whose pressure is not that of consolidation: give strength")
+    weights = [each for random in (campaign.random, *(each.random for each in site.layers)) for each in random]
+    if varies := [each for each in weights if each in WEIGHTS]:
+        raise ValueError(f"{varies[0]} varies beside [{name}], in which weight follows the water: give it as a number")
+    known = [each.name for each in site.layers]
+    for layer in table.layer:
+        if layer.name not in known:
+            has = f"give one of {', '.join(map(shown, known))}" if known else "the ground has none, give soil instead"
+            raise ValueError(f"[[{name}.layer]] name = {shown(layer.name)} is no [[layer]] of the ground: {has}")
 
 
 def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:

@@ -104,6 +104,28 @@ class Files:
 
         return self._content(name, list, read)
 
+    def series(self, name: str, kind: str) -> list[object]:
+        """Times (s) and values of a file of "rain" (m/s) or a "level" (m), likewise."""
+
+        def read() -> list[list[float]]:
+            from jaxmpm import seepage
+
+            pairs = (seepage.read_hyetograph if kind == "rain" else seepage.read_levels)(self._path(name))
+            return [list(pair) for pair in zip(*pairs, strict=True)]
+
+        return self._content(name, list, read, "give pairs of times and values")
+
+    def pressure(self, name: str) -> list[object]:
+        """Total heads of a file of pore pressures in time, rows of a point, a time (s) and a head (m), likewise."""
+
+        def read() -> list[list[float]]:
+            from jaxmpm import seepage
+
+            rows = seepage.read_heads(self._path(name)).tolist()
+            return self._from_origin(rows, len(rows[0]) - 3)
+
+        return self._content(name, list, read)
+
     def _from_origin(self, rows: list[list[float]], plan: int) -> list[list[float]]:
         """Rows, whose first numbers are a position in plan, counted from the origin."""
         table, plan = np.array(rows, float), min(plan, len(self.origin))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
 from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.text import shown
+
+
+if TYPE_CHECKING:
+    from cooperative.scene._flow import Resting
 
 
 class StrengthByStress(NamedTuple):
@@ -76,6 +80,7 @@ class Site:
         track: along which run-out is measured, None for along the slide.
         origin: where x = 0 and y = 0 lie in the projection of a terrain's surface (m).
         contact_of_soil: which of friction and cohesion its interface has from the soil that lies on it.
+        pressure: pore pressure at the time at which the ground rests, None where water does not move.
     """
 
     shape: Ground
@@ -85,6 +90,7 @@ class Site:
     track: Track | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
     contact_of_soil: tuple[str, ...] = ()
+    pressure: Resting | None = None
 
     @cached_property
     def water_table(self) -> float | tuple[tuple[float, float], ...] | Raster | None:
@@ -126,10 +132,12 @@ class Site:
         frictional = any(getattr(each.soil, "friction", None) is not None for each in layers)
         # Without friction it determines the strength, and is no load on soil in total stress.
         r_u = self.r_u if frictional or not self.by_stress(soil) else None
-        return ground.build_ground(
-            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends,
-            water=self.water_table, r_u=r_u, **loads,
+        moving = self.pressure
+        scene, state = ground.build_ground(
+            self.shape, layers, numerics, gravity=gravity, at_rest=at_rest, ends=self.ends, r_u=r_u,
+            water=self.water_table if moving is None else moving.level, **loads,
         )  # fmt: skip
+        return (scene if moving is None else moving.on(scene, self, numerics)), state
 
     @property
     def _bare(self) -> list[Layer]:
@@ -265,15 +273,17 @@ def check_seams(site: Site, cell: float) -> None:
             raise ValueError(f"{layer.label} {asked} If that is intended, give its soil unusual = true")
 
 
-def check_site(site: Site, soil: AnySoil) -> None:
+def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
     """Raise ValueError for ground and soil that do not go together.
+
+    moves: whether water does.
 
     A saturated unit weight in ground without a water table, where no soil would have it; a strength that goes with the
     effective stress, in ground of which no water is known.
     """
     for each in site.soils(soil):
         saturated = getattr(each.soil, "saturated_unit_weight", None)
-        if saturated is not None and site.water_table is None:
+        if saturated is not None and site.water_table is None and not moves:
             why = (
                 "without water in the ground: give the water's level, table, raster or depth"
                 if site.r_u is None

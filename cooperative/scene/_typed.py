@@ -99,6 +99,8 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         refined=scene.refined,
         run=scene.run,
         motion=scene.motion,
+        rain=scene.rain,
+        drawdown=scene.drawdown,
         plan=scene.campaign.plan,
         estimator=estimator
         or (cast(Estimator, tables.FromScript("estimator", given)) if given else scene.campaign.chosen),
@@ -209,7 +211,25 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
         ValueError: slope, soil and grid do not fit together.
     """
     campaign.require()
+    campaign = rested(campaign)
     return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.loads)
+
+
+def rested(campaign: Campaign, time: float | None = None) -> Campaign:
+    """A campaign whose ground rests under the pore pressure of a time; itself where its water does not move.
+
+    Args:
+        campaign: the campaign.
+        time: s, None for that at which its table has samples rest.
+
+    Raises:
+        ValueError: ground and water do not go together, or the flow does not converge.
+    """
+    if campaign.seepage is None:
+        return campaign
+    from cooperative.scene._flow import at_time  # which nobody pays for whose water does not move
+
+    return at_time(campaign, time)
 
 
 def _site(scene: tables.Scene) -> Site:

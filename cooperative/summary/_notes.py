@@ -106,6 +106,12 @@ def _loads(campaign: Campaign) -> list[str]:
         loads.append(f"all strength is multiplied by {run.strength_factor:g}")
     if level is not None:
         loads.append(f"each sample has its own water level, of mean {level.mean:g} m and deviation {level.sd:g} m")
+    if campaign.seepage is not None:
+        source = "rain" if campaign.drawdown is None else "drawdown"
+        loads.append(
+            f"each slope rests under the pore pressure of its {source} at {campaign.seepage.moment / 3600:g} h, which "
+            "its soil carries along as it slides"
+        )
     return loads
 
 

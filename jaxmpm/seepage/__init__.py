@@ -32,7 +32,7 @@ from jaxmpm.seepage._soil import (
     zoned,
 )
 from jaxmpm.seepage._step import Problem, problem
-from jaxmpm.seepage._table import HeadsAt, PressureInTime, PressureTable, TableHeads, read_pressure
+from jaxmpm.seepage._table import HeadsAt, PressureInTime, PressureTable, TableHeads, read_heads, read_pressure
 
 __all__ = [
     "CARSEL_PARRISH",
@@ -73,6 +73,7 @@ __all__ = [
     "open_face",
     "problem",
     "quantity",
+    "read_heads",
     "read_hyetograph",
     "read_levels",
     "read_pressure",

@@ -39,6 +39,7 @@ def with_pressure(
     heads: HeadsAt,
     *,
     retention: Retention | None = None,
+    suction: bool = True,
     level: float | None = None,
     dry_weight: ArrayLike | None = None,
     unit_weight: float = WATER_WEIGHT,
@@ -53,6 +54,7 @@ def with_pressure(
         scene: of soil with friction, built with its pool as water, and with none else.
         heads: pressure heads of a flow or a table at one time.
         retention: of the particles, with one value or (N,) of each number; None leaves suction out.
+        suction: whether it holds grains together.
         level: of the pool that the scene was built with (m), None for none.
         dry_weight: unit weight of the soil without its water (N,) N/m3, nan where weight does not follow the water;
             None for nowhere. It needs a retention.
@@ -81,7 +83,8 @@ def with_pressure(
     position = np.asarray(particles.position, float)
     head = np.asarray(heads.at(position), float)
     check.finite("heads at the particles", head, "m")
-    pressure = suction_pressure(head, retention, unit_weight) - _of_pool(position, level, unit_weight)
+    held = retention if suction else None
+    pressure = suction_pressure(head, held, unit_weight) - _of_pool(position, level, unit_weight)
     if isinstance(scene.material, Zoned):
         undrained = np.repeat([in_total_stress(law) for law in scene.material.laws], scene.material.counts)
         pressure = np.where(undrained, 0.0, pressure)
@@ -92,7 +95,7 @@ def with_pressure(
         contact = Contact.of(scene)
         nearest = cKDTree(position.T).query(contact.points.T)[1]
         there = np.asarray(heads.at(contact.points), float)
-        borne = suction_pressure(there, _picked(retention, nearest), unit_weight)
+        borne = suction_pressure(there, _picked(held, nearest), unit_weight)
         on_base = np.where(pressure[nearest] == 0, 0.0, borne - _of_pool(contact.points, level, unit_weight))
         boundary = replace(boundary, pressure=contact.spread(on_base))
     if dry_weight is not None:

@@ -205,6 +205,32 @@ class PressureTable:
         return cls(np.asarray(times, float), tuple(known))
 
     @classmethod
+    def of_rows(cls, rows: ArrayLike) -> PressureTable:
+        """A table of rows.
+
+        Args:
+            rows: (n, d + 2), each a point (m), a time (s) and the total head there (m).
+
+        Returns:
+            Table.
+
+        Raises:
+            ValueError: If two rows are of one point at one time, or as for `of_points`.
+        """
+        given = np.asarray(rows, float)
+        if given.ndim != 2 or given.shape[1] not in (4, 5) or not len(given):
+            raise ValueError(f"rows have shape {given.shape}: give (n, 4) of x, z, t and head, in 3D (n, 5)")
+        points, heads = given[:, :-2], given[:, -1]
+        times, number = np.unique(given[:, -2], return_inverse=True)
+        each = [number == k for k in range(times.size)]
+        for time, here in zip(times, each, strict=True):
+            places, counts = np.unique(points[here], axis=0, return_counts=True)
+            if counts.max() > 1:
+                at = ", ".join(f"{x:g}" for x in places[counts.argmax()])
+                raise ValueError(f"there are {counts.max()} heads at ({at}) m and {time:g} s: give one")
+        return cls.of_points(times.tolist(), [points[here] for here in each], [heads[here] for here in each])
+
+    @classmethod
     def of_rasters(cls, rasters: Mapping[float, Raster]) -> PressureTable:
         """A table of water tables in plan, under which and above which water is at rest.
 
@@ -331,6 +357,10 @@ def _corners(ground: Ground) -> Values:
     return np.stack([low, low + np.asarray(ground.extent, float)])
 
 
+MOST_ROWS = 200_000
+"""Rows of a table of heads."""
+
+
 def read_pressure(path: str | Path, *, unit_weight: float = WATER_WEIGHT) -> PressureTable:
     """Read pore pressure in time from a table of text.
 
@@ -348,6 +378,22 @@ def read_pressure(path: str | Path, *, unit_weight: float = WATER_WEIGHT) -> Pre
     Raises:
         ValueError: If a column is missing, there twice or has no unit, or a row has a gap; the message has the line.
     """
+    return PressureTable.of_rows(read_heads(path, unit_weight=unit_weight))
+
+
+def read_heads(path: str | Path, *, unit_weight: float = WATER_WEIGHT) -> Values:
+    """Read the rows of `read_pressure` alone.
+
+    Args:
+        path: of the file.
+        unit_weight: of water (N/m3).
+
+    Returns:
+        Rows (n, d + 2) of a point (m), a time (s) and a total head (m).
+
+    Raises:
+        ValueError: As for `read_pressure`.
+    """
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"there is no file {path}: give a table of text with the columns x, z, t and head or pressure")
@@ -363,28 +409,17 @@ def read_pressure(path: str | Path, *, unit_weight: float = WATER_WEIGHT) -> Pre
         raise ValueError(f"{path} {has}: give one of total_head [m], pressure_head [m] and pressure [kPa]")
     if missing := [name for name in ("x", "z", "t") if name not in columns]:
         raise ValueError(f"{path} has no column {', '.join(missing)}: give x, z, in 3D y, and the time t")
+    if not 0 < len(table.rows) <= MOST_ROWS:
+        raise ValueError(f"{path} has {len(table.rows)} rows below its header: give 1 to {MOST_ROWS}")
     values = {name: np.array([number(row[at]) for row in table.rows]) * scale for name, (at, scale) in columns.items()}
     for name, column in values.items():
         if not np.isfinite(column).all():
-            row = int(np.argmin(np.isfinite(column)))
-            raise ValueError(
-                f"{path}, line {table.lines[row]}: {name} is no number: give one in each row, or leave it out"
-            )
-    points = np.stack([values[axis] for axis in AXES if axis in values], axis=1)
-    (name,) = found
-    total = values[name] / (unit_weight if name == "pressure" else 1.0) + (
-        0.0 if name == "total_head" else points[:, -1]
-    )
-    times, rows = np.unique(values["t"], return_inverse=True)
-    if not times.size:
-        raise ValueError(f"{path} has no rows below its header: give a point in each")
-    each = [rows == k for k in range(times.size)]
-    for time, here in zip(times, each, strict=True):
-        places, counts = np.unique(points[here], axis=0, return_counts=True)
-        if counts.max() > 1:
-            at = ", ".join(f"{x:g}" for x in places[counts.argmax()])
-            raise ValueError(f"{path} has {counts.max()} values at ({at}) m and {time:g} s: give one")
-    return PressureTable.of_points(times.tolist(), [points[here] for here in each], [total[here] for here in each])
+            line = table.lines[int(np.argmin(np.isfinite(column)))]
+            raise ValueError(f"{path}, line {line}: {name} is no number: give one in each row, or leave it out")
+    axes, (name,) = [axis for axis in AXES if axis in values], found
+    total = values[name] / (unit_weight if name == "pressure" else 1.0)
+    total = total if name == "total_head" else total + values["z"]
+    return np.stack([*(values[axis] for axis in axes), values["t"], total], axis=1)
 
 
 def _columns(table: Table) -> dict[str, tuple[int, float]]:

@@ -10,6 +10,7 @@ from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
 from cooperative.scene.tables._reading import Keyed, Schema, first_entry, parts, read, schema_of, table_in, wanted
 from cooperative.scene.tables._run import CFL, Run
 from cooperative.scene.tables._scene import SITES, STORED, Scene
+from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, Seepage
 from cooperative.scene.tables._soil import OF_A_FIELD, Layer, Soil
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured
 from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep
@@ -45,11 +46,14 @@ __all__ = [
     "Budget",
     "Calibration",
     "CrossCorrelation",
+    "Drawdown",
     "Exposed",
     "FromScript",
     "Grid",
     "Ground",
     "Hazard",
+    "HydraulicLayer",
+    "Hydraulics",
     "Interface",
     "Keyed",
     "Layer",
@@ -60,12 +64,14 @@ __all__ = [
     "Part",
     "Plan",
     "PlanAndEstimator",
+    "Rain",
     "RandomField",
     "RandomLevel",
     "Run",
     "Scenario",
     "Scene",
     "Schema",
+    "Seepage",
     "Soil",
     "Span",
     "Sweep",

@@ -14,6 +14,7 @@ from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import Table, plain_name
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._run import Run
+from cooperative.scene.tables._seepage import Drawdown, Rain
 from cooperative.scene.tables._soil import Layer, Soil
 from cooperative.scene.tables._stored import Calibration, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
@@ -39,6 +40,8 @@ class Scene(Table):
     terrain: Terrain | None = None
     layer: Annotated[list[Layer], MaxLen(MOST_LAYERS)] = Field(default_factory=list)
     water: Water | None = None
+    rain: Rain | None = None
+    drawdown: Drawdown | None = None
     soil: Soil | None = None
     strength: RandomField | None = None
     cross_correlation: CrossCorrelation | None = None

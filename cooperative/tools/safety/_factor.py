@@ -20,7 +20,9 @@ from cooperative.scene import (
     doubts,
     failing_volume,
     limit_load_factor,
+    rested,
 )
+from cooperative.tools.safety._moving import MovingWater
 from cooperative.tools.safety._search import Critical, critical_surface
 from cooperative.tools.safety._slices import SHALLOWEST, Slices, Strength
 from jaxmpm import Layer, Scene, Section, State, diagnostics
@@ -141,6 +143,9 @@ def factor_of_safety(
     loads += [f"water {water:+g} m"] * (water != 0) + ["without its motion"] * (campaign.motion is not None)
     if water:
         campaign = replace(campaign, ground=_raised(campaign, water))
+    if campaign.seepage is not None:
+        campaign = rested(campaign)
+        loads.append(f"water at {campaign.seepage.moment / 3600:g} h")
     if sample is not None and not campaign.varies:
         raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
     if sample is not None and not 0 <= sample < campaign.plan.samples:
@@ -217,10 +222,13 @@ def _by_slices(
 
 def _sliced(campaign: Campaign, layers: Sequence[Layer], water: Water, strength: Strength | None) -> Slices:
     """The ground of a campaign in slices, arguments as of `_by_slices`; ValueError for ground that is no section."""
-    site, run = campaign.site, campaign.run
+    site, run, shape = campaign.site, campaign.run, _section(campaign)
+    moves = site.pressure
     return Slices.of(
-        _section(campaign), layers, water=water, r_u=site.r_u, k_h=run.k_h, k_v=run.k_v, gravity=run.gravity,
-        strength=strength, rock=[number for number, each in enumerate(site.layers) if each.rock],
+        shape, layers, water=water if moves is None else moves.level, r_u=site.r_u,
+        moving=None if moves is None else MovingWater.of(campaign, shape, layers),
+        k_h=run.k_h, k_v=run.k_v, gravity=run.gravity, strength=strength,
+        rock=[number for number, each in enumerate(site.layers) if each.rock],
     )  # fmt: skip
 
 

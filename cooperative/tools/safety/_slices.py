@@ -17,6 +17,7 @@ from typing import Literal, TypedDict, Unpack
 import numpy as np
 import shapely
 
+from cooperative.tools.safety._moving import MovingWater
 from jaxmpm import Layer, Section, Soil
 from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.soil import STANDARD_GRAVITY
@@ -100,6 +101,7 @@ class Conditions(TypedDict, total=False):
         k_v: vertical one, upwards, by which soil weighs less; the horizontal force does not.
         rock: numbers of the layers that are rock.
         gravity: downwards (m/s2), by default standard gravity.
+        moving: pressure and weight of water that moves; `water` is then its pool.
     """
 
     water: float | Sequence[Sequence[float]] | None
@@ -108,6 +110,7 @@ class Conditions(TypedDict, total=False):
     k_v: float
     rock: Sequence[int]
     gravity: float
+    moving: MovingWater | None
 
 
 @dataclass(frozen=True)
@@ -248,6 +251,7 @@ class Slices:
         slices: that a surface has, about.
         tension: largest share of a surface whose base is in tension where it has friction.
         kinks: x (k,) m at which slices end.
+        moving: pressure and weight of water that moves, None where it rests.
     """
 
     x: np.ndarray
@@ -267,6 +271,7 @@ class Slices:
     slices: int = 64
     tension: float = IN_TENSION
     kinks: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    moving: MovingWater | None = None
 
     @classmethod
     def of(
@@ -316,6 +321,7 @@ class Slices:
             lift=conditions.get("k_v", 0.0),
             strength=strength,
             kinks=_kinks(lines, float(np.ptp(heights[0]))),
+            moving=conditions.get("moving"),
         )  # fmt: skip
 
     @property
@@ -345,6 +351,7 @@ class Slices:
             water=None if self.water is None else (self.water * [-1, 1])[::-1],
             pull=-self.pull,
             kinks=-self.kinks,
+            moving=None if self.moving is None else self.moving.mirrored(),
             strength=None if strength is None else lambda x, z, layer: strength(-x, z, layer),
         )
 
@@ -450,6 +457,8 @@ class Slices:
         there = (depth > ROUNDING) & (width > 0)
         table = None if self.water is None else np.interp(x, *self.water.T)
         weight, moment = self._weight(z, tops, table)
+        if self.moving is not None:
+            borne, weight, moment = self.moving.at(x, z)
         weight, moment = weight * width, moment * width
         rows, first = np.arange(len(x)), there.argmax(axis=1)
         last = there.shape[1] - 1 - there[:, ::-1].argmax(axis=1)
@@ -468,6 +477,8 @@ class Slices:
             push = pool * np.diff(self.ground(surfaces.x))
             down, along = down + pool * width, along + push
             overturning = overturning + push * depth
+        if self.moving is not None:
+            pore = borne
         length = np.hypot(width, rise)
         lies = _lies_in(tops, z, np.abs(rise), ROUNDING + 1e-4 * self.relief)
         cohesion, tangent = self._strength_at(x, z, lies, there)

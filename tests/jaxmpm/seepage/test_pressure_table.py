@@ -119,7 +119,7 @@ def test_times_beyond_the_table_are_refused():
         ("x,z,t [h],head,pressure [kPa]\n0,0,0,1,1", "has columns of total_head and pressure"),
         ("x,t [h],head\n0,0,1", "has no column z"),
         ("x,z,t [h],head\n0,0,0,1\n1,0,0,\n0,1,0,1", "line 3: total_head is no number"),
-        ("x,z,t [h],head\n0,0,0,1\n0,0,0,2\n0,1,0,1", r"2 values at \(0, 0\) m and 0 s"),
+        ("x,z,t [h],head\n0,0,0,1\n0,0,0,2\n0,1,0,1", r"2 heads at \(0, 0\) m and 0 s"),
         ("x,z,t [h],head\n0,0,0,1\n1,1,0,1\n2,2,0,1", "span no area"),
         ("0,0,0,1", "has no row of headings"),
     ],

@@ -1,0 +1,426 @@
+"""Water that moves in a campaign's ground: its flow, and the ground at rest under the pressure of a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from cooperative.scene._site import Site
+from cooperative.scene.tables import HydraulicLayer, Hydraulics, Seepage
+from jaxmpm import Discretisation, Raster, Scene, seepage
+from jaxmpm.ground import WATER_WEIGHT
+from jaxmpm.seepage import AtSide, Cells, Heads, PressureInTime, PressureTable, Retention
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
+from jaxmpm.support import check
+from jaxmpm.support.text import shown
+
+if TYPE_CHECKING:
+    from cooperative.scene._campaign import Campaign
+
+STANDS = 0.3
+"""Pressure head (m) at the ground's surface from which on another program's water stands on it."""
+FULL = 0.98
+"""Share of the surface that is saturated from which on the ground is full."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The flow of a campaign, on the host.
+
+    Args:
+        times: (n,) s, from 0.
+        known: heads at each of them.
+        cells: of the flow.
+        number: of the layer of each cell.
+        rained: water that fell on the ground up to the last time (m3, in a section m2).
+        entered: of it what soaked in.
+        balance: largest error of the water balance, as a share of what has crossed faces.
+        steps: of the flow.
+        full: time from which on the ground is saturated to its surface (s), None where it never is.
+    """
+
+    times: np.ndarray
+    known: tuple[Heads, ...]
+    cells: Cells
+    number: np.ndarray
+    rained: float
+    entered: float
+    balance: float
+    steps: int
+    full: float | None
+
+    def heads(self, time: float) -> Heads:
+        """Pressure heads at a time (s), linear between the times; ValueError beyond them."""
+        check.between("time", time, float(self.times[0]), float(self.times[-1]), ends=True)
+        after = min(int(np.searchsorted(self.times, time, side="right")), len(self.times) - 1)
+        before = max(after - 1, 0)
+        share = (time - self.times[before]) / max(self.times[after] - self.times[before], 1e-300)
+        first, last = self.known[before], self.known[after]
+        return replace(first, total=jnp.asarray((1 - share) * first.total + share * last.total))
+
+    def pressure(self, position: np.ndarray, time: float, unit_weight: float = WATER_WEIGHT) -> np.ndarray:
+        """Pore pressures (N,) Pa at points (d, N) m at a time (s), below 0 under suction."""
+        return unit_weight * np.asarray(self.heads(time).at(position), float)
+
+
+@dataclass(frozen=True)
+class Resting:
+    """The pressure under which a ground rests.
+
+    Args:
+        time: of it (s).
+        heads: at that time.
+        retentions: of each layer, that of another one in rock; None where no soil is given, which has no suction.
+        suction: whether it holds grains together.
+        level: of the pool (m), None where none stands on the ground.
+        dry: unit weight of each layer without its water (N/m3), nan where weight does not follow the water.
+        unit_weight: of water under the gravity of the runs (N/m3).
+    """
+
+    time: float
+    heads: seepage.HeadsAt
+    retentions: tuple[Retention, ...] | None
+    suction: bool
+    level: float | None
+    dry: tuple[float, ...]
+    unit_weight: float
+
+    def retention(self, number: np.ndarray) -> Retention | None:
+        """Of points in layers of these numbers (N,)."""
+        return None if self.retentions is None else seepage.zoned(self.retentions, number)  # type: ignore[type-var]
+
+    def on(self, scene: Scene, site: Site, numerics: Discretisation) -> Scene:
+        """A grid's scene under this pressure, which was built with the pool."""
+        layer = site.layer_of(np.asarray(scene.particles.position), numerics)
+        number = np.zeros(scene.particles.mass.size, int) if layer is None else layer
+        dry = np.array(self.dry)[number]
+        return seepage.with_pressure(
+            scene, self.heads, retention=self.retention(number), suction=self.suction, level=self.level,
+            dry_weight=None if np.isnan(dry).all() else dry, unit_weight=self.unit_weight,
+        )  # fmt: skip
+
+    def at(self, position: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pressure taken off the total stress (N,) Pa, and unit weight (N,) N/m3, nan where it does not follow water.
+
+        Args:
+            position: (d, N) m.
+            number: of the layer there (N,).
+        """
+        head = np.asarray(self.heads.at(position), float)
+        retention = self.retention(number)
+        pressure = seepage.suction_pressure(head, retention if self.suction else None, self.unit_weight)
+        dry = np.array(self.dry)[number]
+        content = np.zeros_like(head) if retention is None else np.asarray(retention.water_content(head), float)
+        return pressure, dry + WATER_WEIGHT * content
+
+
+def at_time(campaign: Campaign, time: float | None = None) -> Campaign:
+    """A campaign whose ground rests under the pressure of a time; one at rest already stays so.
+
+    Args:
+        campaign: the campaign.
+        time: s, None for that of its table, or at which it rests already.
+    """
+    table = campaign.seepage
+    assert table is not None
+    if time is None and campaign.site.pressure is not None:
+        return campaign
+    moment = table.moment if time is None else time
+    site, flow = campaign.site, campaign.flow
+    retentions = retentions_of(campaign)
+    heavier = campaign.run.gravity / STANDARD_GRAVITY
+    usual = next((each for each in retentions if each is not None), None)
+    filled = None if usual is None else tuple(each or usual for each in retentions)
+    resting = Resting(
+        moment, flow.heads(moment), filled, table.suction,
+        _pool(campaign, moment), _dry(campaign.soil, site, retentions), WATER_WEIGHT * heavier,
+    )  # fmt: skip
+    again = replace(campaign, ground=replace(site, pressure=resting))
+    again.__dict__["flow"] = flow  # worked out already
+    return again
+
+
+def _dry(soil: AnySoil, site: Site, retentions: Sequence[Retention | None]) -> tuple[float, ...]:
+    """Unit weight of each layer without its water (N/m3), nan where no saturated one is given."""
+    saturated = [getattr(each.soil, "saturated_unit_weight", None) for each in site.soils(soil)]
+    return tuple(
+        math.nan if wet is None or retention is None else float(wet - WATER_WEIGHT * float(retention.porosity))
+        for wet, retention in zip(saturated, retentions, strict=True)
+    )
+
+
+def _pool(campaign: Campaign, time: float) -> float | None:
+    """Level (m) of the water that stands on the ground at a time (s), None where none does."""
+    assert campaign.seepage is not None
+    level = campaign.seepage.level_at(time)
+    return level if level is not None and level > _surface(campaign)[1].min() else None
+
+
+def _surface(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
+    """Points in plan (axes, n) m and the height of the ground there (n,) m."""
+    shape = campaign.site.shape
+    axes = [
+        low + edge * (np.arange(200) + 0.5) / 200 for low, edge in zip(shape.corner[:-1], shape.extent, strict=False)
+    ]
+    plan = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")])
+    heights = np.asarray(shape.heights(*plan), float)
+    there = np.isfinite(heights)
+    return plan[:, there], heights[there]
+
+
+def retentions_of(campaign: Campaign) -> tuple[Retention | None, ...]:
+    """How each layer, or all of the ground, holds water.
+
+    Args:
+        campaign: whose water moves.
+
+    Returns:
+        None for rock that lets none through, or where no soil is given.
+
+    Raises:
+        ValueError: numbers that are missing or out of their limits.
+    """
+    table, layers = campaign.seepage, campaign.site.layers
+    assert table is not None
+    own = {each.name: each for each in table.layer}
+    if not layers:
+        return (None if table.soil is None else _retention(table.soil, None, "soil"),)
+    return tuple(
+        None
+        if (each.rock or table.soil is None) and each.name not in own
+        else _retention(table.soil, own.get(each.name), f"layer {shown(each.name)}")
+        for each in layers
+    )
+
+
+def _retention(whole: Hydraulics | None, layer: HydraulicLayer | None, where: str) -> Retention:
+    """The soil of a layer: its own numbers over those of the whole ground, unless it names a class of its own."""
+    inherits = whole is not None and (layer is None or layer.soil_class is None)
+    numbers = ({} if whole is None or not inherits else whole.numbers) | ({} if layer is None else layer.numbers)
+    name = layer.soil_class if layer is not None and layer.soil_class is not None else None
+    name = whole.soil_class if name is None and whole is not None and inherits else name
+    model = layer.model if layer is not None and layer.model is not None else whole.model if whole is not None else ""
+    with jax.enable_x64(True):
+        try:
+            if model == "gardner":
+                if name is not None:
+                    raise ValueError(
+                        f"soil_class = {name!r} has no numbers of gardner: give conductivity, alpha and porosity"
+                    )
+                soil: Retention = seepage.gardner(**numbers)
+            elif name is not None:
+                soil = seepage.soil_class(name, **numbers)
+            else:
+                entry = 0.02 if numbers.get("n", 2.0) < 2.0 else 0.0
+                soil = seepage.van_genuchten(**{"air_entry": entry, **numbers})
+            return jax.tree.map(lambda value: np.asarray(value, float), soil)
+        except ValueError as error:
+            raise ValueError(f"[{where}] of the flow: {error}; or give soil_class") from error
+
+
+def flow_of(campaign: Campaign) -> PressureInTime:
+    """The pore pressure of a campaign in time: its flow, or what another program has computed.
+
+    Args:
+        campaign: with a table of rain or drawdown.
+
+    Raises:
+        ValueError: ground, soil and water do not go together, or the flow does not converge.
+    """
+    table = campaign.seepage
+    assert table is not None
+    if table.pressure is not None:
+        return _given(campaign, table)
+    cells, number = _cells(campaign, table)
+    soils = [each for each in retentions_of(campaign) if each is not None]
+    with jax.enable_x64(True):
+        soil = seepage.zoned(soils, number) if len(soils) > 1 else soils[0]  # type: ignore[type-var]
+        start = _at_rest(campaign, table, cells)
+        sides = _sides(campaign, table, start)
+        problem = seepage.problem(cells, soil, _face(table), *sides)  # type: ignore[arg-type]
+        initial = seepage.hydrostatic(problem, _levels(start, cells))
+        if table.initial_rate is not None:
+            steadily = replace(table, rate=((0.0, table.initial_rate),))
+            before = seepage.problem(cells, soil, _face(steadily), *sides)  # type: ignore[arg-type]
+            initial, converged = seepage.steady(before, initial)
+            if not bool(converged):
+                raise ValueError(
+                    f"the steady flow of initial_rate = {table.initial_rate:g} m/s does not converge: give less, "
+                    "larger cells or soil with an air_entry, or begin with the water of [water]"
+                )
+            if _full(cells, np.asarray(initial)):
+                raise ValueError(
+                    f"initial_rate = {table.initial_rate:g} m/s is more than the ground drains: it is saturated to its "
+                    "surface before time 0; give less, levels beyond the ends, drains or more conductive soil"
+                )
+        times = sorted({0.0, *table.times, table.moment})
+        flow = seepage.run(problem, initial, times, tolerance=table.tolerance).raise_if_failed()
+        balance = float(np.max(np.asarray(flow.balance_error)[: int(flow.steps)]))
+        rained, runoff = float(np.sum(np.asarray(flow.record.rain))), float(flow.runoff)
+        heads = [np.asarray(head, float) for head in flow.head]
+        known = tuple(_host(Heads.of(problem, head)) for head in flow.head)
+    full = next((time for time, head in zip(times, heads, strict=True) if _full(cells, head)), None)
+    if full is not None:
+        check.warn(
+            f"the ground is saturated to its surface from {full:g} s on: all further rain runs off; is that meant, and "
+            "are there levels beyond the ends, or drains?"
+        )
+    return Solved(
+        np.array(times), known, cells, number, rained, rained - runoff, balance, int(flow.steps), full
+    )  # fmt: skip
+
+
+def _host(heads: Heads) -> Heads:
+    return replace(heads, total=cast(jax.Array, np.asarray(heads.total, float)))
+
+
+def _full(cells: Cells, head: np.ndarray) -> bool:
+    """Whether the top cell of nearly every column is saturated."""
+    soil = cells.soil.reshape(-1, cells.shape[-1])
+    has = soil.any(axis=1)
+    top = cells.shape[-1] - 1 - np.argmax(soil[:, ::-1], axis=1)
+    at = np.take_along_axis(head.reshape(soil.shape), top[:, None], 1)[:, 0]
+    return float(np.mean(at[has] >= 0)) > FULL
+
+
+def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray]:
+    """Cells of the flow without those of rock, and the number of the soil in each."""
+    site, d = campaign.site, campaign.dimension
+    cell = campaign.refined.cell
+    spacing = table.cell or (*(cell,) * (d - 1), cell / 2)
+    if len(spacing) != d:
+        raise ValueError(f"cell = {list(spacing)} of the flow: give {d} edges, one per axis")
+    cells = seepage.cells_under(site.shape, spacing)
+    position = cells.centres().reshape(d, -1)
+    layer = site.layer_of(position, campaign.grids["refined"])
+    retentions = retentions_of(campaign)
+    if layer is None:
+        return cells, np.zeros(cells.shape, int)
+    layer = layer.reshape(cells.shape)
+    wet = np.array([each is not None for each in retentions])
+    if not any(wet):
+        raise ValueError("no layer has soil through which water flows: give soil, or a layer of it")
+    for number, each in enumerate(site.layers):
+        if not wet[number] and not each.rock:
+            raise ValueError(f"{each.label} has no conductivity: give soil for all, or a layer of that name")
+    active = cells.soil & wet[layer]
+    count = np.cumsum(wet) - 1
+    return replace(cells, active=active), np.where(active, count[layer], 0)
+
+
+Start = float | np.ndarray | Raster
+"""Level, points (n, 2) or heights of the water at rest before the flow (m)."""
+
+
+def _at_rest(campaign: Campaign, table: Seepage, cells: Cells) -> Start:
+    """The water from which the flow begins, or is sought; ValueError where none is known, or it floods the ground."""
+    water = campaign.site.water_table
+    if water is None:
+        level = table.level_at(0.0)
+        if level is None and table.initial_rate is None:
+            raise ValueError(
+                "the state of the ground before time 0 is not known: give [water] a level or a table, or initial_rate, "
+                'a steady rain such as "300 mm/year"'
+            )
+        return campaign.site.shape.corner[-1] if level is None else level
+    start: Start = water if isinstance(water, int | float | Raster) else np.array(water, float)
+    plan, heights = _surface(campaign)
+    above = _level_at(start, plan) - heights
+    pool = table.level_at(0.0)
+    flooded = above > cells.spacing[-1] if pool is None else above > np.maximum(pool - heights, 0) + cells.spacing[-1]
+    if flooded.any():
+        at = ", ".join(f"{x:.4g}" for x in plan[:, np.argmax(np.where(flooded, above, -1))])
+        stands = "and no level is given" if pool is None else f"above the level of {pool:g} m at time 0"
+        raise ValueError(
+            f"[water] stands {above[flooded].max():.3g} m above the ground at ({at}) m, {stands}: give the pool its "
+            "level in the table of the flow, or lower the water"
+        )
+    return start
+
+
+def _level_at(start: Start, plan: np.ndarray) -> np.ndarray:
+    """Level (n,) m of the water at rest at points in plan (axes, n) m."""
+    if isinstance(start, Raster):
+        return start.at(*plan)
+    return np.interp(plan[0], *start.T) if isinstance(start, np.ndarray) else np.full(plan.shape[1], float(start))
+
+
+def _levels(start: Start, cells: Cells) -> np.ndarray:
+    """The same in each column of the cells."""
+    plan = cells.centres()[:-1, ..., 0]
+    return _level_at(start, plan.reshape(len(plan), -1)).reshape(plan.shape[1:])
+
+
+def _face(table: Seepage) -> AtSide:
+    return seepage.open_face("surface", rain=_series(table.rate), level=_series(table.level))
+
+
+def _series(pairs: tuple[tuple[float, float], ...] | None) -> tuple[np.ndarray, np.ndarray] | float | None:
+    """As boundaries take it."""
+    if pairs is None:
+        return None
+    if len(pairs) == 1 and pairs[0][0] <= 0:
+        return pairs[0][1]
+    times, values = np.array(pairs, float).T
+    if times[0] > 0:  # nothing is known before: no rain
+        times, values = np.r_[0.0, times], np.r_[0.0, values]
+    return times, values
+
+
+def _sides(campaign: Campaign, table: Seepage, start: Start) -> list[AtSide]:
+    """What happens at the ends, the base and in drains."""
+    shape = campaign.site.shape
+    conditions = []
+    x0, x1 = shape.corner[0], shape.corner[0] + shape.extent[0]
+    for side, given, x in (("left", table.left, x0), ("right", table.right, x1)):
+        if given == "closed":
+            continue
+        if given is not None:
+            level = _series(given)
+            if isinstance(level, tuple) and given[0][0] > 0:
+                level = level[0], np.r_[given[0][1], level[1][1:]]
+        elif table.initial_rate is not None or campaign.dimension == 3:
+            continue
+        else:
+            inside = np.array([[x + 1e-6 * (1 if side == "left" else -1) * shape.extent[0]]])
+            level = float(_level_at(start, inside)[0])
+            if level >= float(np.asarray(shape.heights(*inside))[0]) or level <= shape.corner[-1]:
+                continue
+        conditions.append(seepage.open_face(cast(seepage.Side, side), level=level))
+    if table.base == "free drainage":
+        conditions.append(seepage.free_drainage())
+    if table.drains:
+        conditions.append(seepage.drain(table.drains, radius=table.drain_radius))
+    return conditions
+
+
+def _given(campaign: Campaign, table: Seepage) -> PressureTable:
+    """The pore pressure of another program, checked against the ground."""
+    known = PressureTable.of_rows(table.pressure)
+    known.check_ground(campaign.site.shape)
+    if all(each is None for each in retentions_of(campaign)) and any(
+        getattr(each.soil, "saturated_unit_weight", None) is not None for each in campaign.site.soils(campaign.soil)
+    ):
+        raise ValueError(
+            "saturated_unit_weight beside the pressure of another program, without the soil's porosity and retention, "
+            "by which weight follows the water: give soil in the table of the pressure, or leave it out"
+        )
+    for time in (*table.times, table.moment):
+        heads = known.heads(time)
+        plan, heights = _surface(campaign)
+        pool = table.level_at(time)
+        over = heads.at(np.vstack([plan, heights])) - (0.0 if pool is None else np.maximum(pool - heights, 0.0))
+        if over.max() > STANDS:
+            at = ", ".join(f"{x:.4g}" for x in plan[:, over.argmax()])
+            raise ValueError(
+                f"pressure at {time:g} s is that of {over.max():.3g} m of water on the ground at ({at}) m, "
+                f"{'and no level is given' if pool is None else f'above the level of {pool:g} m'}: give level for the "
+                "pool, or heads of this ground"
+            )
+    return known

@@ -1,0 +1,363 @@
+"""Tables of water that moves: `[rain]` and `[drawdown]`."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from annotated_types import MaxLen
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, ValidationInfo
+from pydantic import model_validator as validates
+from pydantic.config import JsonDict
+
+from cooperative.scene.tables._key import (
+    AboveZero,
+    Flag,
+    Length,
+    Metres,
+    Pair,
+    Part,
+    PerAxis,
+    Rows,
+    Text,
+    Within,
+    key,
+    plain_name,
+    table,
+)
+from jaxmpm.support.check import Invalid, Limit, above_zero, from_zero
+from jaxmpm.support.table import LENGTHS
+from jaxmpm.support.text import shown
+
+LONGEST_NAME = 200
+MOST_LAYERS = 100
+HEAVIEST = 1e-4
+"""Rate of rain (m/s) that is plausible, 360 mm/h: no longer rain has been measured."""
+COARSEST = 0.1
+"""Conductivity (m/s) of clean gravel."""
+OFF = 1e3
+"""Factor between a conductivity and that of its class from which on one of them has another unit."""
+
+Series = tuple[tuple[float, float], ...]
+"""Times (s) and values."""
+
+
+def _read(value: object, of: str, what: str) -> float:
+    """A number, or a text with a unit of `jaxmpm.seepage`, in SI units."""
+    from jaxmpm import seepage  # the flow of water costs nothing where a scene has none
+
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise Invalid((), shown(value), "", f"give {what}")
+    units = {"m": LENGTHS, "s": seepage.TIMES, "m/s": seepage.RATES}[of]
+    try:
+        return seepage.quantity("", value, units)
+    except ValueError as error:
+        raise Invalid((), shown(value), "", f"give {what}; {str(error).partition(': ')[2]}") from error
+
+
+def _within(value: object, number: float, limit: Limit, remedy: str) -> float:
+    if not limit.holds(number):
+        words = f"is {number:.4g} {limit.unit}" if isinstance(value, str) else f"{limit.unit}"
+        raise Invalid((), shown(value), words, f"give {limit}{remedy}")
+    return number
+
+
+_EXAMPLES = {"s": "12 h", "m/s": "14 mm/h", "m": "3 m"}
+
+
+def _quantity(limit: Limit, remedy: str = "") -> Any:
+    """Of a type: a number in SI units within a limit, or a text with another unit."""
+    what = f'a number in {limit.unit}, or a text with its unit such as "{_EXAMPLES[limit.unit]}"'
+    extra: JsonDict = {"unit": limit.unit, "allowed": what}
+
+    def read(value: object) -> float:
+        return _within(value, _read(value, limit.unit, what), limit, remedy)
+
+    return Annotated[float, PlainValidator(read, json_schema_input_type=float | str), Field(json_schema_extra=extra)]
+
+
+def _in_time(limit: Limit, file: str, remedy: str = "") -> Any:
+    """Of a type: a quantity, pairs of times and quantities, or the name of a CSV file of them."""
+    usual = _EXAMPLES[limit.unit]
+    pairs = f'[["0 h", "{usual}"], ["6 h", "{usual}"]]'
+    what = f'a number in {limit.unit}, a text such as "{usual}", pairs such as {pairs}, or a CSV file'
+
+    def one(value: object) -> float:
+        return _within(value, _read(value, limit.unit, what), limit, remedy)
+
+    def read(value: object, info: ValidationInfo) -> Series:
+        if isinstance(value, str) and value.lower().endswith((".csv", ".txt")):
+            if info.context is None:
+                raise Invalid((), shown(value), "", "give pairs of times (s) and values, as jaxmpm.seepage reads them")
+            value = info.context.series(value, file)
+        if not isinstance(value, list | tuple):
+            return ((0.0, one(value)),)
+        if not value or any(not isinstance(each, list | tuple) or len(each) != 2 for each in value):
+            raise Invalid((), shown(value), "", f"give {what}")
+        series = tuple((_read(t, "s", 'times in s, or texts such as "12 h"'), one(each)) for t, each in value)
+        for number, ((before, _), (after, _)) in enumerate(pairwise(series), 2):
+            if after <= before:
+                raise Invalid(
+                    (), None, f"goes from t = {shown(value[number - 2][0])} back to {shown(value[number - 1][0])}",
+                    "give times in order, each once: a storm begins before it ends",
+                )  # fmt: skip
+        return series
+
+    return Annotated[
+        Series,
+        PlainValidator(read, json_schema_input_type=float | str | list[tuple[float | str, float | str]]),
+        Field(json_schema_extra={"unit": limit.unit, "allowed": what}),
+    ]
+
+
+Time = _quantity(from_zero("s"))
+Rate = _in_time(
+    Limit(above=-HEAVIEST, most=HEAVIEST, unit="m/s"), "rain", ', up to 360 mm/h; was mm/h meant? Write "14 mm/h"'
+)
+Conductivity = _quantity(
+    Limit(above=0.0, most=COARSEST, unit="m/s"), ', that of clean gravel; was m/day meant? Write "0.9 m/day"'
+)
+Level = _in_time(Limit(unit="m"), "level")
+Steady = _quantity(
+    Limit(least=0.0, most=HEAVIEST, unit="m/s"), ', up to 360 mm/h; was mm/h or mm a year meant? Write "300 mm/year"'
+)
+
+
+def _class(name: str) -> str:
+    from jaxmpm.seepage import CARSEL_PARRISH
+
+    if name not in CARSEL_PARRISH:
+        raise Invalid((), shown(name), "", f"give one of {', '.join(CARSEL_PARRISH)}")
+    return name
+
+
+@table
+class Hydraulics(Part):
+    """How soil holds water and lets it through: by a class of soil, by its own numbers, or by both."""
+
+    soil_class: Annotated[Text, AfterValidator(_class)] | None = key(
+        "Class of the USDA, whose mean numbers hold for what is not given (Carsel and Parrish 1988).",
+        "sandy loam", None, otherwise="none: give all numbers",
+        allowed="sand, loamy sand, sandy loam, loam, silt, silt loam, sandy clay loam, clay loam, silty clay loam, "
+        "sandy clay, silty clay or clay",
+    )  # fmt: skip
+    conductivity: Conductivity | None = key(
+        "Upright conductivity of saturated soil.", "1e-6 m/s", None, otherwise="that of the class",
+        synonyms="k ksat k_sat k_s permeability hydraulic_conductivity",
+    )  # fmt: skip
+    anisotropy: AboveZero | None = key(
+        "Level over upright conductivity.", 3.0, None, otherwise="`1.0`", synonyms="k_h/k_v kh/kv k_ratio"
+    )
+    model: Literal["van genuchten", "gardner"] = key(
+        "Retention curve; `gardner` has no `n` and no `air_entry`.", "van genuchten", "van genuchten"
+    )
+    alpha: Annotated[float, Within(above_zero("1/m"))] | None = key(
+        "Of the curve: 1 over the suction at which soil drains.", 3.6, None, otherwise="that of the class"
+    )
+    n: Annotated[float, Within(Limit(above=1.0))] | None = key(
+        "Of the curve: how evenly large its pores are.", 1.56, None, otherwise="that of the class"
+    )
+    porosity: Annotated[float, Within(Limit(above=0.0, below=1.0))] | None = key(
+        "Water content of saturated soil.", 0.43, None, otherwise="that of the class",
+        synonyms="theta_s saturated_water_content",
+    )  # fmt: skip
+    residual: Annotated[float, Within(Limit(least=0.0, below=1.0))] | None = key(
+        "Water content of dry soil.", 0.078, None, otherwise="that of the class, or `0.0`", synonyms="theta_r"
+    )
+    air_entry: Annotated[float, Within(from_zero("m"))] | None = key(
+        "Suction up to which soil stays saturated.", 0.02, None, otherwise="`0.02` where `n` is below 2, else `0.0`"
+    )
+    storage: Annotated[float, Within(from_zero("1/m"))] | None = key(
+        "Specific storage.", 1e-5, None, otherwise="`1e-5`"
+    )
+
+    @validates(mode="after")
+    def _of_its_class(self) -> Self:
+        if self.soil_class is not None and self.conductivity is not None:
+            from jaxmpm.seepage import CARSEL_PARRISH
+
+            usual = CARSEL_PARRISH[self.soil_class][-1] / 100 / 86400
+            if not usual / OFF < self.conductivity < usual * OFF:
+                raise Invalid(
+                    ("conductivity",), f"{self.conductivity:.3g} m/s",
+                    f"is {self.conductivity / usual:.2g} times that of {self.soil_class}, {usual:.2g} m/s",
+                    'was another unit meant? Write it as a text, "0.9 m/day", or leave soil_class out',
+                )  # fmt: skip
+        return self
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """What is given of the retention and the conductivity."""
+        names = ("conductivity", "anisotropy", "alpha", "n", "porosity", "residual", "air_entry", "storage")
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+
+@table
+class HydraulicLayer(Hydraulics):
+    """What a layer has of its own; the rest is that of the whole ground."""
+
+    name: Annotated[str, plain_name(LONGEST_NAME)] = key("Of the `[[layer]]`.", "soft clay", "")
+    model: Literal["van genuchten", "gardner"] | None = key(  # type: ignore[assignment]
+        "Retention curve.", "van genuchten", None, otherwise="that of the whole ground"
+    )
+
+
+Side = _in_time(Limit(unit="m"), "level")
+
+
+def _pressure(value: object, info: ValidationInfo) -> object:
+    return info.context.pressure(value) if isinstance(value, str) and info.context is not None else value
+
+
+Pressure = Annotated[
+    Rows,
+    BeforeValidator(_pressure, json_schema_input_type=Rows | str),
+    Field(json_schema_extra={"allowed": "rows of a point, a time (s) and the total head, or the name of a CSV file"}),
+]
+"""Total heads (m) of another program: rows [x, z, t, head], in 3D [x, y, z, t, head]."""
+
+
+@table
+class Seepage(Part):
+    """Water that moves in the ground while nothing slides.
+
+    At a time the slope rests under the pore pressure of that time, and is then asked whether it stands.
+    """
+
+    times: Annotated[tuple[Time, ...], Strict(False)] = key(
+        "Times at which the slope is asked.", ["0 h", "6 h", "12 h", "24 h"],
+        allowed='times in s, or texts such as "12 h", rising', units="s",
+    )  # fmt: skip
+    at: Time | None = key(
+        "Time at which the samples of a campaign rest, and the slope of `jaxmpm slide` and `fos`.", "12 h", None,
+        otherwise="the last of `times`",
+    )  # fmt: skip
+    rate: Rate | None = key(
+        "Rain, per level area; a rate holds until the next time. A CSV has columns such as `t [h]` and `rain [mm/h]`. "
+        "Below 0 it evaporates.",
+        "14 mm/h", None, otherwise="none", synonyms="rain intensity precipitation hyetograph rainfall",
+    )  # fmt: skip
+    level: Level | None = key(
+        "Height of the river or reservoir that stands on the ground, linear between times. A CSV has columns such as "
+        "`t [d]` and `level [m]`.",
+        [["0 d", 8.0], ["5 d", 2.0]], None, otherwise="no pool", synonyms="pool reservoir water_level",
+    )  # fmt: skip
+    pressure: Pressure | None = key(
+        "In place of all flow: CSV file of the pore pressure that another program has computed, with columns such as "
+        "`x [m]`, `z [m]`, in 3D `y [m]`, `t [h]` and one of `total head [m]`, `pressure head [m]`, `pressure [kPa]`.",
+        [[0.0, 0.0, 0.0, 4.0], [36.0, 0.0, 0.0, 2.0], [0.0, 10.0, 0.0, 4.0]],
+        None,
+        otherwise="none",
+    )
+    soil: Hydraulics | None = key("Of the ground, `[rain.soil]`.", {"soil_class": "loam"}, None, otherwise="none")
+    layer: Annotated[tuple[HydraulicLayer, ...], Strict(False), MaxLen(MOST_LAYERS)] = key(
+        "Of layers that differ, `[[rain.layer]]` with the name of each.",
+        [{"name": "soft clay", "soil_class": "clay"}],
+        (),
+        allowed="tables with the keys of `[rain.soil]`",
+    )
+    suction: Flag = key(
+        "Whether suction holds grains together: Bishop's effective stress with the effective saturation.", True, True
+    )
+    initial_rate: Steady | None = key(
+        "Steady rain before time 0, whose flow is the initial state.", "300 mm/year", None,
+        otherwise="water at rest, at the height of `[water]`, or of `level` at time 0",
+    )  # fmt: skip
+    left: Side | Literal["closed"] | None = key(
+        "Level of the groundwater beyond the left end, or `closed`.", 6.0, None,
+        otherwise="the water at rest there, closed with `initial_rate`",
+    )  # fmt: skip
+    right: Side | Literal["closed"] | None = key("Likewise beyond the right end.", 1.0, None, otherwise="likewise")
+    base: Literal["closed", "free drainage"] = key("Whether water falls out of the base.", "closed", "closed")
+    drains: Annotated[tuple[Pair[Metres], ...], Strict(False)] = key(
+        "Drain pipes along y, at points (x, z).", [[30.0, 1.0]], (), allowed="points [[x, z], ...]", units="m"
+    )
+    drain_radius: Length = key("Of these pipes.", 0.05, 0.05)
+    cell: PerAxis[Length] | None = key(
+        "Edges of a cell of the flow.", [1.0, 0.5], None, otherwise="the cell of the refined grid, half of it upright"
+    )
+    tolerance: AboveZero = key("Error of a step in water content.", 0.005, 0.005)
+
+    @validates(mode="after")
+    def _times(self) -> Self:
+        if not self.times:
+            raise Invalid((), None, "lacks times", 'add when the slope is asked, times = ["0 h", "12 h"]')
+        for before, after in pairwise(self.times):
+            if after <= before:
+                raise Invalid(("times",), None, f"go from {before:g} to {after:g} s", "give them rising, each once")
+        if self.times[-1] <= 0:
+            raise Invalid(("times",), None, "end at 0 s, when nothing has moved yet", "give later ones")
+        if self.at is not None and self.at > self.times[-1]:
+            raise Invalid(
+                ("at",), f"{self.at:g} s", f"is after the last of times, {self.times[-1]:g} s", "give it there"
+            )
+        if self.rate is not None and all(t >= self.times[-1] or rate == 0 for t, rate in self.rate):
+            raise Invalid(
+                ("rate",), None, f"is 0 up to the last of times, {self.times[-1]:g} s",
+                "give later times, or an earlier storm; are times in hours and the storm in seconds?",
+            )  # fmt: skip
+        return self
+
+    @validates(mode="after")
+    def _one_source(self) -> Self:
+        if self.pressure is not None:
+            given = [
+                name for name in ("rate", "level", "initial_rate", "left", "right") if getattr(self, name) is not None
+            ]
+            given += ["drains"] if self.drains else []
+            if given and given != ["level"]:
+                raise Invalid(
+                    (given[0],), None, "has no effect beside pressure, which another program has computed",
+                    "leave one of them out",
+                )  # fmt: skip
+        return self
+
+    @property
+    def moment(self) -> float:
+        """Time (s) at which samples rest."""
+        return self.times[-1] if self.at is None else self.at
+
+    def check_complete(self) -> None:
+        """Check that there is something that moves the water, and soil through which it flows.
+
+        Raises:
+            ValueError: there is not.
+        """
+        name, needed, example = (
+            ("[rain]", "rate", '"14 mm/h"')
+            if isinstance(self, Rain)
+            else ("[drawdown]", "level", '[["0 d", 8.0], ["5 d", 2.0]]')
+        )
+        if self.pressure is not None:
+            return
+        if getattr(self, needed) is None:
+            raise ValueError(f"{name} lacks {needed}: add {needed} = {example}, or the pressure of another program")
+        if self.soil is None and not self.layer:
+            raise ValueError(
+                f'{name} lacks the soil through which water flows: add soil = {{ soil_class = "loam" }}, or a '
+                "conductivity and a retention"
+            )
+
+    def level_at(self, time: float) -> float | None:
+        """Level (m) of the pool at a time (s), None without."""
+        if self.level is None:
+            return None
+        return float(np.interp(time, *zip(*self.level, strict=True)))
+
+
+@table
+class Rain(Seepage):
+    """Rain that soaks into the ground, see [water that moves](seepage.md#in-a-scene).
+
+    At a time the slope rests under the pore pressure of that time, and is then asked whether it stands. A text holds
+    a unit, such as "14 mm/h", "12 h" or "0.9 m/day"; a number is in SI units.
+    """
+
+
+@table
+class Drawdown(Seepage):
+    """A river or reservoir that is drawn down, or rises. Keys as in `[rain]`, with `level` in place of `rate`.
+
+    The ground begins with the water at rest at the first level, unless `[water]` or `initial_rate` gives another state.
+    """

@@ -1,0 +1,250 @@
+"""Rain and drawdown in a scene: what they are read as, what is refused, and the pressure under which a slope rests."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxmpm as mpm
+from cooperative.scene import Drawdown, Rain, built, parse, read, rested
+from cooperative.tools.safety import factor_of_safety
+from cooperative.tools.safety._moving import MovingWater
+from jaxmpm import seepage
+from jaxmpm.ground import WATER_WEIGHT
+from jaxmpm.soil import STANDARD_GRAVITY
+from tests import ROOT
+from tests.scenes import tables
+
+HEAD = """
+[ground]
+surface = [[0.0, 8.0], [6.0, 8.0], [14.0, 2.0], [22.0, 2.0]]
+"""
+SOIL = """
+[soil]
+unit_weight = 19e3
+young = 2e7
+poisson = 0.3
+friction = 30.0
+[soil.cohesion]
+mean = 3e3
+cov = 0.3
+length = [10.0, 2.0]
+"""
+RAIN = """
+[rain]
+times = ["0 h", "6 h", "12 h"]
+rate = "14 mm/h"
+soil = { soil_class = "loam" }
+"""
+LEVEL = "[water]\nlevel = 1.0\n"
+
+
+def scene(moving=RAIN, water=LEVEL, head=HEAD, soil=SOIL):
+    return head + water + soil + moving + tables(1.0)
+
+
+def at_rest_at(level: float, times=(0.0, 3600.0)) -> str:
+    """The pressure of another program, of water at rest that rises by a metre an hour."""
+    rows = [[x, z, t, level + t / 3600] for t in times for x in (0.0, 22.0) for z in (0.0, 8.0)]
+    return f"[rain]\ntimes = [0, 3600]\nat = 0\npressure = {rows}\n"
+
+
+def test_a_scene_without_it_does_not_load_the_flow():
+    script = (
+        f"import sys\nfrom cooperative.scene import parse\nparse({scene('')!r})\nprint('jaxmpm.seepage' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "False"
+
+
+def test_keys_have_their_units(tmp_path):
+    (tmp_path / "storm.csv").write_text("t [h],rain [mm/h]\n0,3.6\n6,36\n12,0\n")
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        scene(RAIN.replace('"14 mm/h"', '"storm.csv"').replace('"loam" }', '"loam", conductivity = "0.36 m/d" }'))
+    )
+    campaign = parse(path)
+    assert isinstance(campaign.rain, Rain)
+    assert campaign.rain.times == (0, 21600, 43200)
+    np.testing.assert_allclose(campaign.rain.rate, [(0, 1e-6), (21600, 1e-5), (43200, 0)])
+    assert campaign.rain.soil.conductivity == pytest.approx(0.36 / 86400)
+    # The folder keeps the file's numbers, and Python its own.
+    assert parse(campaign.source).rain == campaign.rain
+    again = read(replace(campaign, name="of a script"))
+    assert again.rain == campaign.rain
+
+
+REFUSED = {
+    "conductivity in m/day": (RAIN.replace('"loam"', '"loam", conductivity = 0.9'), r"conductivity = 0\.9 m/s.*m/day"),
+    "far from its class": (RAIN.replace('"loam"', '"clay", conductivity = 0.01'), "times that of clay"),
+    "mm/h for m/s": (RAIN.replace('"14 mm/h"', "14"), r"rate = 14 m/s: .*was mm/h meant"),
+    "a storm that ends before it begins": (
+        RAIN.replace('"14 mm/h"', '[["6 h", "14 mm/h"], ["2 h", 0]]'), "begins before it ends",
+    ),
+    "a storm after all": (RAIN.replace('"14 mm/h"', '[["13 h", "14 mm/h"]]'), "is 0 up to the last of times"),
+    "times back": (RAIN.replace('"6 h"', '"16 h"'), "go from 57600 to 43200 s"),
+    "no times": ('[rain]\nrate = "1 mm/h"\n', "lacks times"),
+    "no rain": ('[rain]\ntimes = ["1 h"]\nsoil = { soil_class = "loam" }\n', "lacks rate"),
+    "no soil": ('[rain]\ntimes = ["1 h"]\nrate = "1 mm/h"\n', "lacks the soil"),
+    "no class": (RAIN.replace('"loam"', '"lome"'), "give one of sand"),
+    "a unit of something else": (RAIN.replace('"6 h"', '"6 m"'), "'6 m': give a number in s"),
+    "two tables": (RAIN + RAIN.replace("[rain]", "[drawdown]\nlevel = 3.0"), "leave one out"),
+    "a layer that is none": (RAIN + '[[rain.layer]]\nname = "a"\nsoil_class = "clay"\n', "no .*layer.* of the ground"),
+    "another program and rain": (at_rest_at(4.0) + 'rate = "1 mm/h"\n', "another program"),
+    "at beyond the times": (RAIN + 'at = "13 h"\n', "after the last of times"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_is_refused_in_words(name):
+    text, words = REFUSED[name]
+    with pytest.raises(ValueError, match=words):
+        parse(scene(text))
+
+
+CLAY = SOIL.replace("friction = 30.0\n[soil.cohesion]\nmean = 3e3", "[soil.strength]\nmean = 3e4")
+HEAVY = SOIL.replace("unit_weight = 19e3", "") + "[soil.unit_weight]\nmean = 19e3\ncov = 0.05\nlength = [9.0, 2.0]\n"
+
+
+@pytest.mark.parametrize(
+    ("water", "soil", "words"),
+    [
+        ("[water]\nr_u = 0.2\n", SOIL, "r_u = 0.2 beside"),
+        ("[water.level]\nmean = 1.0\nsd = 0.1\n", SOIL, "random beside"),
+        (LEVEL, CLAY, "undrained"),
+        (LEVEL, HEAVY, "unit_weight varies"),
+    ],
+)
+def test_soil_and_water_on_which_no_flow_acts_are_refused(water, soil, words):
+    with pytest.raises(ValueError, match=words):
+        parse(scene(water=water, soil=soil))
+
+
+@pytest.mark.parametrize(
+    ("moving", "water", "words"),
+    [
+        (RAIN, "[water]\nlevel = 4.0\n", "above the ground at .* and no level is given"),
+        (RAIN, "", "not known: give .water. a level"),
+        (
+            '[rain]\ntimes = ["1 h"]\nrate = "1 mm/h"\nsoil = { conductivity = 1e-6 }\n',
+            LEVEL,
+            "lacks alpha, n, porosity",
+        ),
+        (at_rest_at(4.0).replace("at = 0", "at = 3600"), "", "2 m of water on the ground"),
+        (at_rest_at(1.0, times=(0.0,)), "", "goes from 0 to 0 s"),
+    ],
+)
+def test_states_that_are_not_known_or_flood_the_ground_are_refused(moving, water, words):
+    campaign = parse(scene(moving, water))
+    with pytest.raises(ValueError, match=words):
+        campaign.flow  # noqa: B018
+
+
+def factor(text: str) -> float:
+    return factor_of_safety(parse(text), solver=False).equilibrium.slip.factor
+
+
+MIRRORED = "\n[ground]\nsurface = [[-22.0, 2.0], [-14.0, 2.0], [-6.0, 8.0], [0.0, 8.0]]\n"
+
+
+@pytest.mark.parametrize("head", [HEAD, MIRRORED])
+def test_water_at_rest_is_that_of_a_water_table(head):
+    """The pressure of another program, of water at rest, against the scene's own level: slices and particles."""
+    level = 1.0
+    moving = at_rest_at(level) if head is HEAD else at_rest_at(level).replace("22.0", "-22.0")
+    given, known = scene(moving, "", head), scene("", f"[water]\nlevel = {level}\n", head)
+    assert factor(given) == pytest.approx(factor(known), rel=5e-3)
+    under, table = (built(parse(text), "rough")[0] for text in (given, known))
+    z = np.asarray(under.particles.position[-1])
+    np.testing.assert_allclose(under.loads.pore_pressure, WATER_WEIGHT * np.maximum(level - z, 0), atol=1.0)
+    np.testing.assert_array_equal(under.particles.mass, table.particles.mass)
+    deep = z < 0.5
+    stress = [np.asarray(mpm.at_rest(each).stress)[2] for each in (under, table)]
+    np.testing.assert_allclose(stress[0][deep], stress[1][deep], atol=0.03 * np.abs(stress[1]).max())
+
+
+def factors(campaign, times) -> list[float]:
+    return [factor_of_safety(rested(campaign, time), solver=False).equilibrium.slip.factor for time in times]
+
+
+def test_pressure_that_rises_lowers_the_factor():
+    rows = [[x, z, t, 1.0 + 3.0 * t / 3600 * (1 - x / 22)] for t in (0, 3600) for x in (0.0, 22.0) for z in (0.0, 8.0)]
+    campaign = replace(parse(scene("", LEVEL)), rain=Rain([0, 3600], pressure=rows))
+    low, high = factors(campaign, (0.0, 3600.0))
+    assert high < low - 0.01
+
+
+def test_a_pool_holds_a_slope_and_its_pressure_stays_when_it_is_gone():
+    """Rows keep the water of a pool at 6 m in the ground; without the pool the slope fails, drained it would stand."""
+    rows = [[x, z, t, 6.0] for t in (0.0, 3600.0) for x in (0.0, 22.0) for z in (0.0, 8.0)]
+    campaign = replace(
+        parse(scene("", "[water]\nlevel = 6.0\n")), drawdown=Drawdown([0, 3600], level=6.0, pressure=rows)
+    )
+    held = rested(campaign)
+    gone = replace(held, ground=replace(held.site, pressure=replace(held.site.pressure, level=2.0)))
+    before, after = (factor_of_safety(each, solver=False).equilibrium.slip.factor for each in (held, gone))
+    assert before == pytest.approx(factor(scene("", "[water]\nlevel = 6.0\n")), rel=5e-3)
+    assert after < 0.8 * before
+    under, _ = built(gone, "rough")
+    z = np.asarray(under.particles.position[-1])
+    left_over = WATER_WEIGHT * (np.maximum(6 - z, 0) - np.maximum(2 - z, 0))
+    np.testing.assert_allclose(under.loads.pore_pressure, left_over, atol=1.0)
+
+
+def test_weight_and_suction_follow_the_water():
+    """Soil is as heavy as its saturated weight less the water that it lacks, for particles and slices alike."""
+    wet = SOIL.replace("unit_weight = 19e3", "unit_weight = 17e3\nsaturated_unit_weight = 20e3")
+    text = scene(at_rest_at(1.0), "", soil=wet)
+    with pytest.raises(ValueError, match="saturated_unit_weight beside the pressure of another program"):
+        parse(text).flow  # noqa: B018
+    campaign = parse(text.replace("at = 0", 'at = 0\nsoil = { soil_class = "silt loam" }'))
+    under, _ = built(campaign, "rough")
+    retention, position = seepage.soil_class("silt loam"), np.asarray(under.particles.position)
+    head = 1.0 - position[-1]
+    weight = np.asarray(under.particles.mass / under.particles.volume) * STANDARD_GRAVITY
+    np.testing.assert_allclose(
+        weight, 20e3 - WATER_WEIGHT * (0.45 - np.asarray(retention.water_content(head))), rtol=1e-4
+    )
+    np.testing.assert_allclose(under.loads.pore_pressure, seepage.suction_stress(retention, head), rtol=1e-3, atol=2.0)
+    moving = MovingWater.of(rested(campaign), campaign.site.shape, campaign.site.soils(campaign.soil))
+    x, z = np.array([3.0, 10.0]), np.array([2.0, 0.5])
+    pressure, above, moment = moving.at(x, z)
+    np.testing.assert_allclose(pressure, seepage.suction_stress(retention, 1.0 - z), rtol=0.02, atol=50.0)
+    top = np.asarray(campaign.site.shape.heights(x))
+    for k in range(2):
+        heights = np.linspace(z[k], top[k], 2001)
+        gamma = 20e3 - WATER_WEIGHT * (0.45 - np.asarray(retention.water_content(1.0 - heights)))
+        assert above[k] == pytest.approx(np.trapezoid(gamma, heights), rel=5e-3)
+        assert moment[k] == pytest.approx(np.trapezoid(gamma * heights, heights), rel=5e-3)
+    assert (
+        factors(campaign, [0.0])[0] > factors(replace(campaign, rain=replace(campaign.rain, suction=False)), [0.0])[0]
+    )
+
+
+def test_a_pool_drawn_down_by_the_flow_of_its_scene():
+    """Soil that drains slowly keeps its water; the balance closes, and what is left of the pool pushes the slope."""
+    moving = """
+[drawdown]
+times = ["0 h", "1 h", "2 d"]
+level = [["0 h", 6.0], ["1 h", 3.0]]
+soil = { soil_class = "loam" }
+cell = [2.0, 1.0]
+[[drawdown.layer]]
+name = "sand"
+soil_class = "sand"
+"""
+    layers = '[[layer]]\nname = "loam"\nbottom = [[0, 2], [22, 1]]\n[[layer]]\nname = "sand"\n'
+    campaign = parse(scene(moving, "", soil=SOIL + layers))
+    flow = campaign.flow
+    assert flow.balance < 1e-6
+    points = np.array([[2.0, 16.0], [5.0, 1.0]])
+    first, soon, late = (flow.pressure(points, time) / WATER_WEIGHT for time in campaign.drawdown.times)
+    np.testing.assert_allclose(first, [1.0, 5.0], atol=1e-6)
+    assert 0.6 < soon[0] <= 1.0  # far from the pool the loam holds its water for days
+    assert 2.0 < soon[1] < 4.0
+    assert late[0] < soon[0]
+    assert late[1] < soon[1]
+    assert [rested(campaign, time).site.pressure.level for time in campaign.drawdown.times] == [6.0, 3.0, 3.0]
+    assert set(np.unique(flow.number)) == {0, 1}
