@@ -38,6 +38,10 @@ COMMANDS = {
         "Compute a slope's factor of safety, by limit equilibrium in seconds and by the solver's limit load.",
         "section.toml --quick", "its factor of safety by limit equilibrium, in seconds",
     ),
+    "seepage": (
+        "Let the rain or the drawdown of a scene move its water: pressure and factor of safety by slices against time.",
+        "storm.toml", "pore pressure and factor of safety against time, in seconds",
+    ),
     "run": (
         "Run a campaign of a scene, or go on where it was.",
         "demo.toml --out out/demo", "run it, or go on where it was",
@@ -96,7 +100,7 @@ def parser() -> argparse.ArgumentParser:
     added = {}
     for name, (does, *_) in COMMANDS.items():
         added[name] = commands.add_parser(name, help=does, description=does, epilog=f"example: {_typed(name)}")
-    for name in ("check", "draw", "slide", "fos", "run", "sweep"):
+    for name in ("check", "draw", "slide", "fos", "seepage", "run", "sweep"):
         _add_scene(added[name])
     for name in ("status", "resume", "report", "export"):
         added[name].add_argument("folder", type=Path, help=FILES["folder"])
@@ -160,6 +164,12 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
     slide.add_argument("--frames", type=int, default=40, help="pictures of the animation, at most (%(default)s)")
     slide.add_argument("--vtk", action="store_true", help="write a series for ParaView too")
     slide.add_argument("--out", type=Path, help="folder for its files (SCENE-slide)")
+    for name in ("slide", "fos"):
+        added[name].add_argument("--time", metavar="TIME", help='of rain or drawdown, such as "12 h" (the scene\'s at)')
+    moving = added["seepage"]
+    moving.add_argument("--sample", type=int, help="a sample's soil instead of the median, for the factor of safety")
+    moving.add_argument("--flow", action="store_true", help="the flow alone, without factors of safety")
+    moving.add_argument("--out", type=Path, help="folder for its files (SCENE-seepage)")
     fos = added["fos"]
     fos.add_argument("--k-h", type=float, help="horizontal acceleration over gravity, towards the toe (the scene's)")
     fos.add_argument("--water", type=float, default=0.0, metavar="METRES", help="raise the water level by so much")

@@ -59,6 +59,11 @@ def _say_sweep(args: argparse.Namespace, campaigns: Sequence[Campaign]) -> None:
         print(f"{args.scene} is a sweep of {len(campaigns)} campaigns. {base}")
 
 
+def _at_time(campaign: Campaign, text: str | None) -> Campaign:
+    """A campaign whose ground rests under the pressure of another time of its rain or drawdown."""
+    return campaign if text is None else campaign.resting_at(text)
+
+
 def run(args: argparse.Namespace) -> None:
     """Answer `jaxmpm run`."""
     from cooperative import runs
@@ -193,7 +198,7 @@ def slide(args: argparse.Namespace) -> None:
     from cooperative.one_run import lines, slide, write_slide
     from jaxmpm.support.files import not_linked
 
-    campaign = read_campaigns(args)[0]
+    campaign = _at_time(read_campaigns(args)[0], args.time)
     folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-slide"))
     end = campaign.run.last(args.grid)
     with tqdm(total=end, unit="s", bar_format="{l_bar}{bar}| {n:.1f} of {total:g} s {postfix}", disable=None) as bar:
@@ -215,7 +220,7 @@ def fos(args: argparse.Namespace) -> None:
     from cooperative.tools import safety
     from jaxmpm.support.files import not_linked
 
-    campaign, start = read_campaigns(args)[0], time.perf_counter()
+    campaign, start = _at_time(read_campaigns(args)[0], args.time), time.perf_counter()
     # A scene's folder may come from somebody else, with a link of this name. It is made once there is an answer.
     folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-fos"))
 
@@ -230,6 +235,17 @@ def fos(args: argparse.Namespace) -> None:
         progress=progress, announce=announce,
     )  # fmt: skip
     print(*map(printable, safety.lines_of_solver(result)), *safety.write_safety(result, campaign, folder), sep="\n")
+
+
+def seepage(args: argparse.Namespace) -> None:
+    """Answer `jaxmpm seepage`."""
+    from cooperative.tools.seepage import lines, wetted, write_wetted
+    from jaxmpm.support.files import not_linked
+
+    campaign = read_campaigns(args)[0]
+    folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-seepage"))
+    result = wetted(campaign, factors=not args.flow, sample=args.sample)
+    print(*map(printable, lines(result)), *write_wetted(result, folder), sep="\n")
 
 
 def doctor(args: argparse.Namespace) -> None:
@@ -252,7 +268,24 @@ def completion(args: argparse.Namespace) -> None:
 
 
 FUNCTIONS: tuple[Callable[[argparse.Namespace], None], ...] = (
-    *(site, example, new, check, draw, slide, fos, run, status, resume, report, export, sweep, doctor, completion),
+    *(
+        site,
+        example,
+        new,
+        check,
+        draw,
+        slide,
+        fos,
+        seepage,
+        run,
+        status,
+        resume,
+        report,
+        export,
+        sweep,
+        doctor,
+        completion,
+    ),
 )
 COMMANDS = {function.__name__: function for function in FUNCTIONS}
 LIBRARIES = {
@@ -260,7 +293,8 @@ LIBRARIES = {
     **dict.fromkeys(("status", "report", "check", "draw"), ("cooperative.runs", "cooperative.reporting")),
     **{"export": ("cooperative.exports",), "slide": ("cooperative.one_run",), "doctor": ("cooperative.doctor",)},
     **{
-        name: (f"cooperative.tools.{room}",) for name, room in (("site", "site"), ("fos", "safety"), ("sweep", "sweep"))
+        name: (f"cooperative.tools.{room}",)
+        for name, room in (("site", "site"), ("fos", "safety"), ("seepage", "seepage"), ("sweep", "sweep"))
     },
 }
 """Modules by command, whose loading takes seconds; commands without any need neither JAX nor NumPy."""

@@ -186,6 +186,20 @@ class Campaign(Part):
         """Water that moves, None where none does."""
         return self.rain if self.drawdown is None else self.drawdown
 
+    def resting_at(self, time: float | str) -> Campaign:
+        """The campaign whose samples rest under the pore pressure of another time.
+
+        Args:
+            time: s, or a text such as "12 h".
+
+        Raises:
+            ValueError: no water moves in it, or the time is after the last one.
+        """
+        name = "rain" if self.drawdown is None else "drawdown"
+        if self.seepage is None:
+            raise ValueError(f"time = {time} is for a scene with [rain] or [drawdown]: leave it out")
+        return replace(self, **{name: replace(self.seepage, at=time)})
+
     @cached_property
     def flow(self) -> PressureInTime:
         """Pore pressure in time of the water that moves, solved when first asked for."""

@@ -1,0 +1,175 @@
+"""Pressure and saturation at times, the factor of safety against time, and their numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+
+from cooperative.reporting import panels, save
+from cooperative.store import write_aside
+from cooperative.tools.seepage._answer import HOUR, Moment, Wetted, in_hours
+from jaxmpm.ground import WATER_WEIGHT
+from jaxmpm.support.text import literal
+
+MOST_ROWS = 12
+"""Times that a picture shows; of more, some evenly spread."""
+MM_PER_HOUR = 3.6e6
+
+
+def write_wetted(result: Wetted, folder: Path) -> list[Path]:
+    """Write pictures and numbers: `seepage.png`, `factor.png` where there are factors, `seepage.csv` and `heads.csv`.
+
+    Args:
+        result: of `wetted`.
+        folder: to write to.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / "seepage.png"]
+    save(_pressures(result), paths[0])
+    if any(each.factor is not None for each in result.moments):
+        paths.append(folder / "factor.png")
+        save(_factors(result), paths[-1])
+    for name, content in (
+        ("seepage.csv", _rows(result)),
+        ("heads.csv", _heads(result)),
+        ("seepage.json", _json(result)),
+    ):
+        paths.append(folder / name)
+        write_aside(paths[-1], content.encode())
+    return paths
+
+
+def _middle(result: Wetted, values: np.ndarray) -> np.ndarray:
+    """Values in the section, of a solid in its middle."""
+    return values[:, values.shape[1] // 2] if values.ndim == 3 else values
+
+
+def _pressures(result: Wetted) -> Figure:
+    """Pressure and, where it is known, saturation at the times."""
+    count = len(result.moments)
+    shown = [result.moments[k] for k in np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(int))]
+    saturated = any(np.isfinite(each.saturation).any() for each in shown)
+    cells = result.cells
+    length, height = cells.shape[0] * cells.spacing[0], cells.shape[-1] * cells.spacing[-1]
+    figure, axes = panels(len(shown), 1 + saturated, size=(5.6, max(1.3, 5.6 * height / length + 0.7)))
+    pressures = [WATER_WEIGHT / 1e3 * _middle(result, each.head) for each in shown]
+    low = min(float(np.nanmin(each)) for each in pressures)
+    high = max(float(np.nanmax(each)) for each in pressures)
+    norm = TwoSlopeNorm(0.0, min(low, -1e-3), max(high, 1e-3))
+    for row, (moment, pressure) in enumerate(zip(shown, pressures, strict=True)):
+        ax = axes[row * (1 + saturated)]
+        drawn = _field(ax, result, pressure, cmap="RdBu", norm=norm)
+        _outline(ax, result, moment, pressure)
+        ax.set_title(f"{in_hours(moment.time)}: pore pressure [kPa]", loc="left")
+        figure.colorbar(drawn, ax=ax)
+        if saturated:
+            ax = axes[row * 2 + 1]
+            drawn = _field(ax, result, _middle(result, moment.saturation), cmap="Blues", vmin=0.0, vmax=1.0)
+            factor = "" if moment.factor is None else f", factor of safety {moment.factor:.3f}"
+            ax.set_title(f"effective saturation{factor}", loc="left")
+            figure.colorbar(drawn, ax=ax)
+    for ax in axes[-1 - saturated :]:
+        ax.set_xlabel("x [m]")
+    return figure
+
+
+def _field(ax: Axes, result: Wetted, values: np.ndarray, **look: object):  # type: ignore[no-untyped-def]
+    cells = result.cells
+    edges = [cells.corner[k] + cells.spacing[k] * np.arange(cells.shape[k] + 1) for k in (0, len(cells.shape) - 1)]
+    ax.set(aspect="equal", ylabel="z [m]")
+    return ax.pcolormesh(*edges, values.T, **look)
+
+
+def _outline(ax: Axes, result: Wetted, moment: Moment, pressure: np.ndarray) -> None:
+    """The line of no pressure, the pool and the slip surface."""
+    cells = result.cells
+    x, z = (cells.corner[k] + cells.spacing[k] * (np.arange(cells.shape[k]) + 0.5) for k in (0, len(cells.shape) - 1))
+    if np.nanmin(pressure) < 0 < np.nanmax(pressure):
+        ax.contour(x, z, pressure.T, levels=[0.0], colors="k", linewidths=1.0)
+    if moment.level is not None:
+        ax.axhline(moment.level, color="#1f77b4", lw=1.0, ls="--")
+    if moment.safety is not None and moment.safety.equilibrium is not None:
+        ax.plot(*moment.safety.equilibrium.slip.points.T, color="#D55E00", lw=1.2)
+
+
+def _factors(result: Wetted) -> Figure:
+    """Factor of safety against time, above the rain or the level."""
+    figure, axes = panels(2, 1, size=(7.0, 2.8))
+    known = [each for each in result.moments if each.factor is not None]
+    axes[0].plot([each.time / HOUR for each in known], [each.factor for each in known], "o-", color="#D55E00")
+    axes[0].axhline(1.0, color="0.5", lw=0.8, ls=":")
+    axes[0].set(ylabel="factor of safety by slices")
+    axes[0].set_title(literal(result.campaign.name), loc="left")
+    table = result.campaign.seepage
+    assert table is not None
+    end = table.times[-1]
+    if table.rate is not None:
+        times, rates = np.array([*table.rate, (max(end, table.rate[-1][0]), table.rate[-1][1])]).T
+        axes[1].step(times / HOUR, rates * MM_PER_HOUR, where="post", color="#0072B2")
+        axes[1].set(ylabel="rain [mm/h]")
+    elif table.level is not None:
+        times = np.linspace(0, end, 200)
+        axes[1].plot(times / HOUR, [table.level_at(time) for time in times], color="#0072B2")
+        axes[1].set(ylabel="level [m]")
+    axes[1].set(xlabel="time [h]", xlim=(0, end / HOUR))
+    axes[0].set(xlim=(0, end / HOUR))
+    return figure
+
+
+def _table(head: list[str], rows: list[list[object]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([head, *rows])
+    return text.getvalue()
+
+
+def _rows(result: Wetted) -> str:
+    rows: list[list[object]] = [
+        [
+            each.time, each.rate * MM_PER_HOUR, "" if each.level is None else each.level, each.wet,
+            "" if each.factor is None else round(each.factor, 5),
+        ]
+        for each in result.moments
+    ]  # fmt: skip
+    return _table(["t [s]", "rain [mm/h]", "level [m]", "saturated share", "factor of safety"], rows)
+
+
+def _heads(result: Wetted) -> str:
+    """Total heads at the centres of the cells, as `[rain] pressure` reads them."""
+    cells = result.cells
+    position = cells.centres().reshape(len(cells.shape), -1)[:, cells.soil.ravel()]
+    axes = ["x [m]", "z [m]"] if len(position) == 2 else ["x [m]", "y [m]", "z [m]"]
+    rows: list[list[object]] = [
+        [*(round(float(each), 4) for each in at), moment.time, round(float(head + at[-1]), 5)]
+        for moment in result.moments
+        for at, head in zip(position.T, moment.head[cells.soil], strict=True)
+    ]
+    return _table([*axes, "t [s]", "total head [m]"], rows)
+
+
+def _json(result: Wetted) -> str:
+    flow = result.campaign.flow
+    content = {
+        "name": result.campaign.name,
+        "water_balance": getattr(flow, "balance", None),
+        "rained": getattr(flow, "rained", None),
+        "soaked_in": getattr(flow, "entered", None),
+        "moments": [
+            {"time": each.time, "rate": each.rate, "level": each.level, "saturated": each.wet, "factor": each.factor}
+            for each in result.moments
+        ],
+    }
+    return json.dumps(content, indent=1) + "\n"
