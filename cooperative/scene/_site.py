@@ -16,7 +16,6 @@ from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.text import shown
 
-
 if TYPE_CHECKING:
     from cooperative.scene._flow import Resting
 
