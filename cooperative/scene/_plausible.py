@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -51,9 +50,9 @@ def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
     """
     gathered = Gathered()
 
-    def asked(*each: Any) -> None:
+    def asked(where: str, name: str, value: float, plausible: Plausible | None = None) -> None:
         with gathered.of():
-            ask(*each, home=home)
+            ask(where, name, value, plausible, home)
 
     asked(f"{where} mean", name, field.mean)
     asked(f"{where} cov", name, field.cov, COV)

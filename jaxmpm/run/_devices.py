@@ -15,6 +15,12 @@ from jaxmpm.types import Scene, State
 LANES, ALL = PartitionSpec("lanes"), PartitionSpec()
 
 
+def _devices() -> list[jax.Device]:
+    """Those of this process; the one that `jax.default_device` names, where it does."""
+    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]  # set by JAX when it is imported
+    return jax.local_devices() if chosen is None else [chosen]
+
+
 def mesh_of(lanes: int) -> Mesh | None:
     """The devices that share some lanes evenly: as many of this process as divide their number.
 
@@ -24,8 +30,8 @@ def mesh_of(lanes: int) -> Mesh | None:
     Returns:
         Mesh with the axis "lanes"; None for one device, also where `jax.default_device` names one.
     """
-    devices = jax.local_devices() if jax.config.jax_default_device is None else []
-    count = max((n for n in range(1, min(lanes, len(devices)) + 1) if lanes % n == 0), default=1)
+    devices = _devices()
+    count = max(n for n in range(1, min(lanes, len(devices)) + 1) if lanes % n == 0)
     return Mesh(np.array(devices[:count]), ("lanes",)) if count > 1 else None
 
 
@@ -38,10 +44,11 @@ def placed(scene: Scene, state: State, axes: Scene, mesh: Mesh | None) -> tuple[
         axes: leaves of the scene that have lanes first.
         mesh: of these lanes.
     """
-    if len(jax.local_devices()) == 1 or jax.config.jax_default_device is not None:
+    devices = _devices()
+    if len(devices) == 1:
         return scene, state
     if mesh is None:
-        return jax.device_put((scene, state), jax.local_devices()[0])
+        return jax.device_put((scene, state), devices[0])
     every, lane = NamedSharding(mesh, ALL), NamedSharding(mesh, LANES)
     where = jax.tree.map(lambda axis: every if axis is None else lane, axes, is_leaf=lambda node: node is None)
     return jax.device_put(scene, where), jax.device_put(state, lane)
