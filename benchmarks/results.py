@@ -40,6 +40,7 @@ SHORT = {
     "throughput": "speed",
     "screening": "speed",
     "class_runs": "speed",
+    "commands": "speed",
     "levers": "settings",
     "rest": "settings",
     "opened_soil": "settings",

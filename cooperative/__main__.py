@@ -3,6 +3,7 @@
 The commands stand in `cooperative._commands`.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -31,7 +32,8 @@ def _open_streams() -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run a command.
 
-    Ctrl-C ends the process without a word while its libraries load, which takes seconds: nothing has begun.
+    Ctrl-C ends the process without a word while its libraries load, which takes seconds: nothing has begun. Whoever
+    waits at a terminal reads that they load.
 
     Returns:
         The exit code.
@@ -43,15 +45,20 @@ def main(arguments: list[str] | None = None) -> int:
     if args.command == "site":
         # On matrices of 240 rows threads of BLAS wait for each other: two busy cores take 25 times as long.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    before = signal.getsignal(signal.SIGINT)
+    before, collects = signal.getsignal(signal.SIGINT), gc.isenabled()
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
+        gc.disable()  # what loads stays, and looking for what does not takes a tenth of the time
         from cooperative import _commands
 
+        if args.command in _commands.LIBRARIES and sys.stderr.isatty():
+            print(f"jaxmpm {args.command}: loading ...", file=sys.stderr, flush=True)
         for module in _commands.LIBRARIES.get(args.command, ()):
             import_module(module)
     finally:
+        if collects:
+            gc.enable()
         signal.signal(signal.SIGINT, before)
     return _commands.execute(args)
 

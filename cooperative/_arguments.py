@@ -162,6 +162,10 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
     slide.add_argument("--divide", type=float, default=1.0, metavar="R", help="divide strength by this number")
     slide.add_argument("--grid", choices=GRIDS, default="refined", help="to run on (%(default)s)")
     slide.add_argument("--frames", type=int, default=40, help="pictures of the animation, at most (%(default)s)")
+    slide.add_argument(
+        "--animate", type=Path, metavar="FILE",
+        help="MP4 or GIF of the animation (slide.mp4 in the folder where ffmpeg is installed, else slide.gif)",
+    )  # fmt: skip
     slide.add_argument("--vtk", action="store_true", help="write a series for ParaView too")
     slide.add_argument("--out", type=Path, help="folder for its files (SCENE-slide)")
     for name in ("slide", "fos"):

@@ -195,12 +195,12 @@ def slide(args: argparse.Namespace) -> None:
     """Answer `jaxmpm slide`."""
     from tqdm import tqdm
 
-    from cooperative.one_run import lines, slide, write_slide
+    from cooperative.one_run import animation_path, lines, slide, write_slide
     from jaxmpm.support.files import not_linked
 
     campaign = _at_time(read_campaigns(args)[0], args.time)
     folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-slide"))
-    end = campaign.run.last(args.grid)
+    animation, end = animation_path(folder, args.animate), campaign.run.last(args.grid)
     with tqdm(total=end, unit="s", bar_format="{l_bar}{bar}| {n:.1f} of {total:g} s {postfix}", disable=None) as bar:
 
         def progress(seconds: float, displacement: float) -> None:
@@ -212,7 +212,7 @@ def slide(args: argparse.Namespace) -> None:
             progress=progress,
         )  # fmt: skip
     print(*map(printable, lines(result)), sep="\n")
-    print(*write_slide(result, folder, vtk=args.vtk), sep="\n")
+    print(*write_slide(result, folder, animation=animation, vtk=args.vtk), sep="\n")
 
 
 def fos(args: argparse.Namespace) -> None:

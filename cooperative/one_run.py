@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from subprocess import CalledProcessError
 from typing import Any
 
 import numpy as np
@@ -26,6 +28,10 @@ CERTAIN = 1e-6
 """Coefficient of variation of what is certain."""
 MILLISECONDS = 100.0
 """Between two pictures of an animation."""
+WRITERS = {".mp4": "ffmpeg", ".gif": "pillow"}
+"""What matplotlib writes an animation by, by the ending of its file."""
+DOTS = 80
+"""Dots of an animation to the inch."""
 
 
 @dataclass(frozen=True)
@@ -179,24 +185,58 @@ def lines(run: Slide) -> Iterator[str]:
         yield f"  it reached {row['walls']}: draw the ground longer there"
 
 
-def write_slide(run: Slide, folder: Path, *, vtk: bool = False) -> Iterator[Path]:
-    """Write what a run looks like: slide.png, profile.png, slide.gif.
+def animation_path(folder: Path, given: Path | None = None) -> Path:
+    """The file that an animation is written to.
+
+    Args:
+        folder: of the run's files.
+        given: name of an MP4 or a GIF; None for slide.mp4 in the folder where ffmpeg is there, else slide.gif.
+
+    Raises:
+        ValueError: another ending, a folder that is not there, or an MP4 where there is no ffmpeg.
+    """
+    from matplotlib.animation import FFMpegWriter  # loads what only animations need
+
+    encodes = FFMpegWriter.isAvailable()
+    path = folder / f"slide.{'mp4' if encodes else 'gif'}" if given is None else given
+    if path.suffix not in WRITERS:
+        raise ValueError(f"{path} is no name of an animation: give one that ends in {' or '.join(WRITERS)}")
+    if path.parent != folder and not path.parent.is_dir():
+        raise ValueError(f"{path}: there is no folder {path.parent}, make it or give another name")
+    if path.suffix == ".mp4" and not encodes:
+        raise ValueError(
+            f"{path}: an MP4 is written by ffmpeg, which is not found: install it, or give {path.with_suffix('.gif')}"
+        )
+    return path
+
+
+def write_slide(run: Slide, folder: Path, *, animation: Path | None = None, vtk: bool = False) -> Iterator[Path]:
+    """Write what a run looks like: slide.png, profile.png, and slide.mp4 or slide.gif.
 
     Args:
         run: from `slide`.
         folder: to write to.
+        animation: MP4 or GIF of the animation, None for one in the folder, see `animation_path`.
         vtk: whether slide.vtkhdf is written too, for ParaView.
 
     Yields:
         Path of each file.
+
+    Raises:
+        ValueError: the animation is neither, or there is no ffmpeg.
+        OSError: the disk refuses, or ffmpeg does.
     """
+    animation = animation_path(folder, animation)
     own_folder(folder)
     end = run.states[-1]
     yield save(jaxmpm.plot.state(run.scene, end), folder / "slide.png")
     yield save(profile(run), folder / "profile.png")
-    animation = jaxmpm.plot.animate(run.scene, run.states, interval=MILLISECONDS)
-    animation.save(folder / "slide.gif", writer="pillow", dpi=80)
-    yield folder / "slide.gif"
+    moving = jaxmpm.plot.animate(run.scene, run.states, times=run.times, interval=MILLISECONDS)
+    try:
+        moving.save(animation, writer=WRITERS[animation.suffix], dpi=DOTS)
+    except CalledProcessError as error:
+        raise OSError(errno.EIO, f"{animation}: ffmpeg ends with status {error.returncode}, give a GIF") from error
+    yield animation
     if vtk:
         write_vtkhdf(folder / "slide.vtkhdf", run.scene, run.states, run.times)
         yield folder / "slide.vtkhdf"

@@ -73,6 +73,7 @@ def animate(
     colour: str = "displacement",
     *,
     y: float | None = None,
+    times: Sequence[float] | None = None,
     interval: float = 100.0,
 ) -> FuncAnimation:
     """Draw the snapshots of a run one after the other, with one scale of colours.
@@ -84,6 +85,7 @@ def animate(
         run: result of `solve` of one lane with snapshots, or states.
         colour: as for `state`.
         y: as for `state`.
+        times: of states (s), to be shown; those of a result are known.
         interval: between two pictures (ms).
 
     Returns:
@@ -97,7 +99,8 @@ def animate(
     states = run.snapshots if isinstance(run, Result) else tuple(run)
     if not states:
         raise ValueError("the run has no snapshots: give solve(..., snapshots=times), or states")
-    titles = [f"{time:.3g} s" for time in run.times] if isinstance(run, Result) else [""] * len(states)
+    times = run.times if isinstance(run, Result) else times
+    titles = [""] * len(states) if times is None else [f"{time:.3g} s" for time in times]
     figure, axes, shown, half = _start_of(scene, states[0], y)
     label, _ = _values(scene, states[0], colour)
     fields = [_values(scene, moment, colour)[1][shown] for moment in states]

@@ -90,9 +90,9 @@ Copy a scene of the second or third table from its link. `jaxmpm new --kind KIND
   `what_if`, `embankment`, `new/slope`, `new/section`.
 
 Each picture shows sample 0 on the refined grid; `jaxmpm draw SCENE` draws it larger, with layers, walls and both grids.
-The cost is an upper limit, by `jaxmpm check SCENE` on one core of a shared machine. Runs end far sooner where the slope
-stands. P_f is the probability of failure, with its 95 % interval. `python -m benchmarks.project.gallery` writes this
-page.
+The cost is an upper limit, by `jaxmpm check SCENE --measure` on one core of a shared machine. Runs end far sooner where
+the slope stands. P_f is the probability of failure, with its 95 % interval. `python -m benchmarks.project.gallery`
+writes this page.
 """
 GROUPS = {"": "Examples", "sites": "Slopes with known answers", "real": "Real slides", "new": "To begin your own with"}
 

@@ -255,11 +255,14 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
         _moments(figure, axes[rows:], sections["refined"], moments, scale, None if mapped else measured)
     shown_values = {grid: each[name][planes[grid]] / scale.size for grid, each in values.items()}
     norm, of = Normalize(*plots.ends(shown_values.values())), ", one sample" if fine.campaign.random else ""
+    uniform = norm.vmin == norm.vmax
+    of += f", {scale.word} {norm.vmin:.4g} {scale.unit}" if uniform else ""
     shown = list(axes[1 + mapped : rows])
     for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
         boxes = plots.draw_particles(ax, position, half, shown_values[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles{of}", loc="left")
-    figure.colorbar(boxes, ax=shown, label=scale.label)
+    if not uniform:
+        figure.colorbar(boxes, ax=shown, label=scale.label)
     return figure
 
 

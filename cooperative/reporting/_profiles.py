@@ -131,7 +131,7 @@ def _drawn(model: GridModel, names: Sequence[str], chosen: np.ndarray) -> dict[s
     """Parameters (samples, n) of some particles in samples of their own, which a scene with few samples has too."""
     if not names:
         return {}
-    coefficients = kl.sobol(jax.random.key(0), SAMPLES[model.campaign.dimension], model.soil.modes)
+    coefficients = kl.latin_hypercube(jax.random.key(0), SAMPLES[model.campaign.dimension], model.soil.modes)
     rows = [model.parameters(row) for row in np.asarray(coefficients)]
     return {name: np.array([np.asarray(row[name], float)[chosen] for row in rows]) for name in names}
 

@@ -1,11 +1,13 @@
 """One slide: the soil that it is, what it says, and its files; a scene in which nothing is random."""
 
+import os
+
 import numpy as np
 import pytest
 
 from cooperative import runs
 from cooperative.__main__ import main
-from cooperative.one_run import lines, slide
+from cooperative.one_run import animation_path, lines, slide, write_slide
 from cooperative.scene import parse
 
 PLAIN = """
@@ -99,7 +101,47 @@ def test_what_does_not_fit_is_refused(scene, options, message):
         slide(parse(scene), **options)
 
 
-def test_the_command_writes_pictures_and_a_series(tmp_path, capsys):
+@pytest.fixture
+def encoder(tmp_path, monkeypatch):
+    """An ffmpeg that counts what it is fed, writes that to its last argument, and ends with a status."""
+    program = tmp_path / "bin" / "ffmpeg"
+    program.parent.mkdir()
+
+    def made(status=0):
+        program.write_text(f'#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\nexit {status}\n')
+        program.chmod(0o755)
+        monkeypatch.setenv("PATH", str(program.parent), prepend=os.pathsep)
+
+    return made
+
+
+def test_an_animation_is_an_mp4_where_ffmpeg_is_found_and_else_a_gif(tmp_path, monkeypatch, encoder):
+    monkeypatch.setenv("PATH", str(tmp_path / "none"))
+    assert animation_path(tmp_path) == tmp_path / "slide.gif"
+    assert animation_path(tmp_path, tmp_path / "mine.gif") == tmp_path / "mine.gif"
+    with pytest.raises(ValueError, match=r"mine.mp4: an MP4 is written by ffmpeg, which is not found: .*mine.gif"):
+        animation_path(tmp_path, tmp_path / "mine.mp4")
+    encoder()
+    assert animation_path(tmp_path) == tmp_path / "slide.mp4"
+    with pytest.raises(ValueError, match=r"mine.avi is no name of an animation: give one that ends in .mp4 or .gif"):
+        animation_path(tmp_path, tmp_path / "mine.avi")
+    with pytest.raises(ValueError, match="there is no folder"):
+        animation_path(tmp_path, tmp_path / "none" / "mine.gif")
+
+
+def test_an_mp4_gets_every_picture_and_a_failing_ffmpeg_is_named(fails, tmp_path, encoder):
+    encoder()
+    *_, path = write_slide(fails, tmp_path / "a", animation=tmp_path / "mine.mp4")
+    assert path == tmp_path / "mine.mp4"
+    assert int(path.read_text()) % (4 * len(fails.states)) == 0
+    assert int(path.read_text()) > 1e5 * len(fails.states)
+    encoder(status=3)
+    with pytest.raises(OSError, match=r"mine.mp4: ffmpeg ends with status 3, give a GIF"):
+        list(write_slide(fails, tmp_path / "b", animation=tmp_path / "mine.mp4"))
+
+
+def test_the_command_writes_pictures_and_a_series(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
     scene = tmp_path / "plain.toml"
     scene.write_text(PLAIN)
     assert main(["slide", str(scene), "--divide", "3", "--frames", "5", "--vtk"]) == 0
