@@ -9,6 +9,7 @@ from jaxmpm.ground._line import read_line
 from jaxmpm.ground._pore_water import WATER_WEIGHT, wet
 from jaxmpm.ground._probe import box_of, floor, relief, thicknesses, top_of, volume
 from jaxmpm.ground._raster import Raster, read_raster
+from jaxmpm.ground._reshape import reshaped
 from jaxmpm.ground._seam import Thickness
 from jaxmpm.ground._section import Section, section
 from jaxmpm.ground._slope import Slope, as_section, slope
@@ -37,6 +38,7 @@ __all__ = [
     "read_line",
     "read_raster",
     "relief",
+    "reshaped",
     "rigid_base",
     "scene_of",
     "section",

@@ -9,11 +9,14 @@ from itertools import product
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxmpm.equations import gap_of
 from jaxmpm.grid import Grid, RigidBase, Wall
 from jaxmpm.setup import PADDING, RESOLVED
-from jaxmpm.soil import Interface
+from jaxmpm.soil import Interface, radians
+from jaxmpm.support import check
+from jaxmpm.support.tracing import at_once, host
 from jaxmpm.types import Boundary
 
 Heights = Callable[..., np.ndarray]
@@ -77,8 +80,8 @@ def boundary_of_base(
     if interface is not None:
         boundary = replace(
             boundary,
-            friction=math.tan(math.radians(interface.friction)),
-            cohesion=interface.cohesion or None,
+            friction=tangent_of(interface.friction),
+            cohesion=interface.cohesion if check.is_traced(interface.cohesion) else interface.cohesion or None,
             pressure=pressure,
             softening=None if interface.slip_length is None else (interface.residual_ratio, interface.slip_length),
         )
@@ -89,6 +92,13 @@ def boundary_of_base(
         return replace(boundary, base=base)
     stuck = np.asarray(base.normal.any(axis=1))
     return replace(boundary, cut=stuck if cut is None else stuck | cut)
+
+
+def tangent_of(friction: ArrayLike) -> ArrayLike:
+    """The coefficient of a friction angle (degrees), of a number or of an array."""
+    if isinstance(friction, int | float):
+        return math.tan(math.radians(friction))
+    return host(friction).tan(radians(friction))
 
 
 def share_above(bedrock: Heights, position: np.ndarray, spacing: float) -> np.ndarray:
@@ -121,12 +131,11 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     area, volume = _covered(grid, heights, on_base)
     field = volume.reshape(grid.shape)
     # Soil above a node of the base counts as reaching down to it.
-    gap = np.pad(
-        gap_of(jnp.asarray(field[..., :-1]), jnp.asarray(field[..., 1:])), [(0, 0)] * (grid.dimension - 1) + [(0, 1)]
-    ).ravel()
+    gap = at_once(lambda low, high: gap_of(jnp.asarray(low), jnp.asarray(high)), field[..., :-1], field[..., 1:])
+    gap = np.pad(gap, [(0, 0)] * (grid.dimension - 1) + [(0, 1)]).ravel()
     volume = volume / (1 - gap) ** 2
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
-    return RigidBase(*(jnp.asarray(values) for values in (vectors, area, np.where(area > 0, volume, 1.0))))
+    return RigidBase(*(at_once(jnp.asarray, values) for values in (vectors, area, np.where(area > 0, volume, 1.0))))
 
 
 def normals(heights: Heights, across: list[np.ndarray], step: float) -> np.ndarray:

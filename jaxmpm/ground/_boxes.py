@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxmpm.grid import Particles
@@ -14,6 +13,7 @@ from jaxmpm.ground._base import Heights
 from jaxmpm.ground._ground import Ground
 from jaxmpm.setup import Discretisation, fill
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support.tracing import at_once
 
 SAMPLED = 4
 """Points along each side of a column of particles at which its surface is sampled."""
@@ -75,4 +75,5 @@ def boxes(
         (length, width, nz * dz), (dx, dy, dz), unit_weight=STANDARD_GRAVITY, inside=lambda _: modelled,
         corner=ground.corner, dtype=discretisation.dtype,
     )  # fmt: skip
-    return replace(particles, volume=particles.volume * jnp.asarray(share.ravel()[modelled], particles.volume.dtype))
+    share_of_each = np.asarray(share.ravel()[modelled], particles.volume.dtype)
+    return replace(particles, volume=at_once(lambda volume: volume * share_of_each, particles.volume))

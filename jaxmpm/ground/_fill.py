@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
@@ -36,7 +34,14 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array, at_once, require_known, taken
 from jaxmpm.types import Boundary, Loads, Scene, State
+
+REMEDY = (
+    "differentiate by gravity and its kind with `replace(scene, loads=...)`, by heights with `jaxmpm.ground.reshaped`, "
+    "by soil, water and contact with a soil that is traced, or `with_soil`"
+)
+"""How to differentiate by what a builder has to know."""
 
 
 def scene_of(
@@ -78,6 +83,7 @@ def scene_of(
     Raises:
         ValueError: If sizes, soils and numbers do not fit the grid or each other.
     """
+    require_known({"ground": ground, "gravity": gravity, "k_h": k_h, "k_v": k_v, "speed": speed}, REMEDY)
     acceleration = pseudo_static(gravity, k_h, k_v, len(ground.corner))
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     counts = cells(ground, discretisation)
@@ -144,11 +150,12 @@ def lattice(
     number, soils = layer_of(ground, layers, position, discretisation), [layer.soil for layer in layers]
     law, order = law_of_layers([material_on(discretisation, soil) for soil in soils], number)
     mass = weights(soils, number, None if wet is None else wet(position)) / STANDARD_GRAVITY * np.prod(spacing)
-    particles = replace(particles, mass=jnp.asarray(mass, particles.mass.dtype))
-    particles = jax.tree.map(lambda leaf: leaf[..., order], particles)
+    particles = replace(particles, mass=array(mass, particles.mass.dtype))
+    particles = taken(particles, order)
     if bedrock is not None:
         share = share_above(bedrock, position[:, order], dz).astype(particles.volume.dtype)
-        particles = replace(particles, volume=particles.volume * share, mass=particles.mass * share)
+        volume, mass = (at_once(lambda each: each * share, each) for each in (particles.volume, particles.mass))
+        particles = replace(particles, volume=volume, mass=mass)
     return particles, law
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
+from jax.typing import ArrayLike, DTypeLike
 
 from jaxmpm.ground._boundaries import Outline, points_of
 from jaxmpm.ground._layer import Layer, Line
@@ -18,6 +18,9 @@ from jaxmpm.laws import WaterSurface, WaterTable
 from jaxmpm.setup import RESOLVED, Discretisation, below
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
+from jaxmpm.support.check import Limit
+from jaxmpm.support.text import shown
+from jaxmpm.support.tracing import array, host, require_known
 from jaxmpm.types import Scene
 
 WATER_WEIGHT = 9810.0
@@ -33,6 +36,8 @@ def water_table(
     if not gravity:
         raise ValueError("water with gravity = 0, under which it has no pressure: leave it out")
     left, right = outline.walls
+    if check.is_traced(water):
+        return _traced_table(outline.walls, water, discretisation, gravity)
     points = points_of("water", [(left, water), (right, water)] if isinstance(water, int | float) else water)
     if points[0, 0] > left or points[-1, 0] < right:
         raise ValueError(
@@ -44,16 +49,38 @@ def water_table(
         x, z = points[upright[0]]
         raise ValueError(f"water is upright at ({x:g}, {z:g}) m: draw a table that slopes there")
     _refuse_sloping_pool(outline, points, discretisation)
+    return _table_of(*points.T, discretisation, gravity)
+
+
+def _table_of(x: ArrayLike, z: ArrayLike, discretisation: Discretisation, gravity: float) -> WaterTable:
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
-    x, z = points.T
     weight = WATER_WEIGHT * gravity / STANDARD_GRAVITY
-    return WaterTable(*(jnp.asarray(value, dtype) for value in (x, z, weight, discretisation.spacing[-1])))
+    return WaterTable(*(array(value, dtype) for value in (x, z, weight, discretisation.spacing[-1])))
+
+
+def _traced_table(
+    walls: tuple[float, float], water: ArrayLike | Line, discretisation: Discretisation, gravity: float
+) -> WaterTable:
+    """A table whose level, or heights of points, are traced; ValueError where its shape or its x are not known."""
+    if np.ndim(water) == 0:
+        return _table_of(walls, jnp.full(2, water), discretisation, gravity)
+    x, z = zip(*water, strict=True)
+    require_known(
+        {f"x of point {number} of the water": each for number, each in enumerate(x)}, "give traced heights alone"
+    )
+    if np.any(np.diff(x) <= 0) or x[0] > walls[0] or x[-1] < walls[1]:
+        raise ValueError(
+            f"water has points at x = {shown(list(x))} m: give rising ones, from wall to wall at {walls} m"
+        )
+    return _table_of(x, jnp.stack([jnp.asarray(each) for each in z]), discretisation, gravity)
 
 
 def under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:
     """Function that gives which of positions (2, N) m lie under a table: (N,) bool."""
-    rounding = RESOLVED * float(table.height)
-    return lambda position: below(position[1], np.interp(position[0], table.x, table.z), rounding)
+    numbers = host(table)
+    return lambda position: below(
+        position[1], numbers.interp(position[0], table.x, table.z), RESOLVED * numbers.asarray(table.height, float)
+    )
 
 
 def wet(scene: Scene) -> np.ndarray:
@@ -115,13 +142,12 @@ def pore_pressure_of(
     """
     if r_u is None:
         return None
-    if not 0 <= r_u < 1:
-        raise ValueError(f"r_u = {r_u:g}: give a value of 0 or more and below 1")
+    check.within("r_u", r_u, Limit(least=0, below=1))
     if table:
         raise ValueError(f"both water and r_u = {r_u:g} are given: give one of them")
     above = np.zeros(z.size)
     for layer, (top, bottom) in zip(layers, pairwise(tops), strict=True):
-        above += layer.soil.unit_weight * np.maximum(top - np.maximum(bottom, z), 0)
+        above = above + layer.soil.unit_weight * np.maximum(top - np.maximum(bottom, z), 0)
     return r_u * gravity / STANDARD_GRAVITY * above
 
 
@@ -141,7 +167,7 @@ def pressure_on_base(
         (n * levels,) Pa, None without r_u.
     """
     pressure = pore_pressure_of(r_u, table=False, z=tops[-1], layers=layers, tops=tops, gravity=gravity)
-    return None if pressure is None else np.repeat(pressure, levels)
+    return None if pressure is None else host(pressure).repeat(pressure, levels)
 
 
 def water_raster(water: float | Raster | None, walls: tuple[tuple[float, float], tuple[float, float]]) -> Raster | None:

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmpm.ground._base import boundary_of_base
@@ -27,7 +28,7 @@ from jaxmpm.ground._boundaries import (
     points_of,
     tops_of,
 )
-from jaxmpm.ground._fill import box_cells, box_grid, lattice
+from jaxmpm.ground._fill import REMEDY, box_cells, box_grid, lattice
 from jaxmpm.ground._free_field import check_free_field, check_level, with_free_field
 from jaxmpm.ground._ground import Face
 from jaxmpm.ground._layer import Box, Layer, Line, labels
@@ -46,6 +47,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import AnySoil, Interface
 from jaxmpm.support import check
+from jaxmpm.support.tracing import host, require_known
 from jaxmpm.types import Loads, Scene, State
 
 POINTS = 512
@@ -283,6 +285,7 @@ def section(
             a particle, one of several layers has a parameter per particle, or sizes do not fit the grid; with
             coordinates.
     """
+    require_known({"shape": shape, "gravity": gravity, "k_h": k_h, "k_v": k_v, "speed": speed}, REMEDY)
     along, down = pseudo_static(gravity, k_h, k_v, 2)
     if ends not in HELD and ends not in ("tied", "free field"):
         raise ValueError(f"ends = {ends!r}: give {', '.join(map(repr, HELD))}, 'tied' or 'free field'")
@@ -336,6 +339,12 @@ def section(
     return with_free_field(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, column))
 
 
+def _at(table: WaterTable, x: float) -> float | Array:
+    """Height (m) of a table."""
+    height: float | Array = host(table).interp(x, table.x, table.z)
+    return height if check.is_traced(table) else float(height)
+
+
 def _columns_beyond(
     shape: Section,
     layers: Sequence[Layer],
@@ -354,5 +363,5 @@ def _columns_beyond(
             if top - bottom > TOUCHING * discretisation.spacing[-1]
         ]
         here[-1] = Layer(here[-1].soil)
-        water = None if table is None else float(np.interp(wall, table.x, table.z))
+        water = None if table is None else _at(table, wall)
         yield column(Section([(x, heights[0]) for x in span], base=heights[-1]), here, discretisation, water=water)

@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Literal
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid
 from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
 from jaxmpm.ground._boxes import SAMPLED, boxes
-from jaxmpm.ground._fill import box_cells, box_grid, nodes_in_plan
+from jaxmpm.ground._fill import REMEDY, box_cells, box_grid, nodes_in_plan
 from jaxmpm.ground._layer import Box, Layer, labels
 from jaxmpm.ground._polygon import beyond_edge, check_polygon, filled_beyond, in_polygon
 from jaxmpm.ground._pore_water import pore_pressure_of, pressure_on_base, water_raster, water_surface
@@ -38,6 +36,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array, at_once, require_known, taken
 from jaxmpm.types import Loads, Scene, State
 
 POINTS = 64
@@ -325,6 +324,8 @@ def terrain(
         ValueError: If a raster is invalid, has holes or ends before the walls, a layer lies above the ground, holds no
             particle or is nowhere as thick as one, or sizes do not fit the grid; with coordinates.
     """
+    require_known({"shape": shape, "gravity": gravity, "k_h": k_h, "k_v": k_v, "speed": speed}, REMEDY)
+    require_known({"water": water}, "give a level, then vary it by `with_soil(water_level=...)`")
     acceleration = pseudo_static(gravity, k_h, k_v, 3)
     if ends not in ("fixed", "roller"):
         raise ValueError(f"ends = {ends!r}: give 'fixed' or 'roller'")
@@ -340,13 +341,11 @@ def terrain(
             f"{labels(layers)[empty[0]]} holds no particle between the walls: draw it there, or leave it out"
         )
     law, order = law_of_layers([material_on(discretisation, part.soil) for part in layers], layer)
-    particles, layer = jax.tree.map(lambda leaf: leaf[..., order], (particles, layer))
+    particles, layer = taken(particles, order), layer[order]
     (x, y, z), spacing = np.asarray(particles.position, float), discretisation.spacing[-1]
     table = water_raster(shape.whole(water) if isinstance(water, Raster) else water, shape.walls)
     under = None if table is None else below(z, table.at(x, y), RESOLVED * spacing)
-    density = jnp.asarray(
-        weights([part.soil for part in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype
-    )
+    density = array(weights([part.soil for part in layers], layer, under) / STANDARD_GRAVITY, particles.mass.dtype)
     tops = shape.tops(layers, x, y, spacing)
     refuse_thin(x, y, tops, spacing, labels(layers))
     warn_of_seams(layers, thicknesses_of(layers, tops), discretisation.cell)
@@ -354,7 +353,7 @@ def terrain(
     pressure = pressure_on_base(r_u, layers, shape.tops(layers, x_plan, y_plan), grid.shape[-1], gravity)
     rigid = boundary_of_base(grid, bedrock, shape.interface, pressure, cut=shape.beyond(grid))
     built, state = build(
-        replace(particles, mass=particles.volume * density),
+        replace(particles, mass=at_once(lambda volume, density: volume * density, particles.volume, density)),
         grid,
         law,
         discretisation,

@@ -17,6 +17,7 @@ from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._scene import scene, unstressed
 from jaxmpm.soil import AnySoil, warn_of_units
 from jaxmpm.support import check
+from jaxmpm.support.tracing import host
 from jaxmpm.transfer import band_thickness
 from jaxmpm.types import Boundary, Loads, Scene, State
 
@@ -115,6 +116,7 @@ def build(
     if not isinstance(material, Zoned):
         particles = ordered(particles, grid)
     elif loads.pore_pressure is not None:
-        loads = replace(loads, pore_pressure=np.where(in_total_stress_at(material), 0.0, loads.pore_pressure))
+        pressure = host(loads.pore_pressure).where(in_total_stress_at(material), 0.0, loads.pore_pressure)
+        loads = replace(loads, pore_pressure=pressure)
     built = scene(particles, grid, material, discretisation, boundary=boundary, loads=loads, speed=speed)
     return built, unstressed(built, apic=discretisation.apic)

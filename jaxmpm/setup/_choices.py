@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles, Wall
@@ -17,6 +18,7 @@ from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
 from jaxmpm.support.check import Limit
 from jaxmpm.support.text import shown
+from jaxmpm.support.tracing import array, at_once
 from jaxmpm.transfer import Linear, inside, locate
 from jaxmpm.types import Boundary, Engine, Scene, Scheme
 
@@ -47,7 +49,9 @@ def check_particles(particles: Particles, grid: Grid) -> np.dtype:
     if len(dtypes) > 1:
         raise ValueError(f"particles mix {', '.join(sorted(map(str, dtypes)))}: give all arrays one dtype")
     check.within_limits(particles)
-    out = ~np.asarray(inside(grid, locate(grid, jnp.asarray(particles.position))))
+    if check.is_traced(particles.position):
+        return check.dtype(dtypes.pop())  # the status of a lane tells
+    out = ~np.asarray(at_once(lambda position: inside(grid, locate(grid, position)), jnp.asarray(particles.position)))
     if out.any():
         first = np.asarray(particles.position)[:, int(np.argmax(out))]
         raise ValueError(
@@ -132,9 +136,10 @@ def check_kernel(kernel: Kernel, grid: Grid) -> None:
 @lru_cache
 def _check_weights(kernel: Kernel, grid: Grid) -> None:
     reach = (np.arange(64) + 0.5) / 64 + 0.5
-    r = jnp.asarray(reach - np.arange(3)[:, None], jnp.float32)
+    r = array(reach - np.arange(3)[:, None], jnp.float32)
     for axis in range(grid.dimension):
-        value, slope = (np.asarray(each).sum(0) for each in kernel.shape(axis, grid.cell, r))
+        weights = at_once(lambda at, axis=axis: kernel.shape(axis, grid.cell, at), r)
+        value, slope = (np.asarray(each).sum(0) for each in weights)
         if not (np.abs(value - 1) < 1e-5).all() or not (np.abs(slope * grid.cell) < 1e-4).all():
             raise ValueError(
                 f"{kernel!r} weighs a particle by {value.min():g} to {value.max():g} over its three nodes along axis "
@@ -148,14 +153,14 @@ HATS_EDGE = 0.01
 
 def warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Grid) -> None:
     """Warn of hats where they do not work: their slopes jump at the faces of cells."""
-    if not isinstance(kernel, Linear):
+    if not isinstance(kernel, Linear) or check.is_traced(particles.position):
         return
     if scheme is Scheme.USL:
         check.warn(
             "kernel = Linear with scheme = USL: nodes that are nearly empty have no bounded velocity, and slides end "
             "INVERTED; take MUSL, or GIMP"
         )
-    cells = np.asarray(locate(grid, jnp.asarray(particles.position)), float)
+    cells = np.asarray(at_once(lambda position: locate(grid, position), particles.position), float)
     near = np.any(abs(cells - np.round(cells)) < HATS_EDGE, axis=0)
     if near.any():
         check.warn(
@@ -170,12 +175,14 @@ def check_engine(engine: Engine | None) -> None:
         raise ValueError(f"engine = {engine!r}: give a member of Engine, or None")
 
 
-def gravity_vector(gravity: float | Sequence[float], dimension: int) -> np.ndarray:
+def gravity_vector(gravity: float | Sequence[float], dimension: int) -> np.ndarray | Array:
     """The vector (d,) m/s2; a number acts downwards."""
     if np.ndim(gravity) == 0:
         check.not_negative("gravity", gravity, "m/s2")
-        return np.array([0.0] * (dimension - 1) + [-float(np.asarray(gravity))])
-    vector = np.asarray(gravity)
+        gravity = (0.0,) * (dimension - 1) + (-gravity,)  # type: ignore[operator]
+    if check.is_traced(gravity):
+        return jnp.stack([jnp.asarray(each) for each in gravity])
+    vector = np.asarray(gravity, float)
     check.axes("gravity", vector.tolist(), dimension)
     return vector
 
@@ -236,7 +243,7 @@ def check_water(
             raise ValueError(
                 f"water's x and z have shapes {np.shape(water.x)} and {np.shape(water.z)}: give (m,), m > 1"
             )
-        if not np.all(np.diff(np.asarray(water.x)) > 0):
+        if not check.is_traced(water.x) and not np.all(np.diff(np.asarray(water.x)) > 0):
             raise ValueError(
                 f"water's x = {shown(np.asarray(water.x).tolist())} m does not rise: give its points in order"
             )
@@ -263,7 +270,12 @@ def check_water(
             raise ValueError(
                 f"pore_pressure has shape {np.shape(pore_pressure)}: give {particles.mass.shape}, one a particle"
             )
-        if isinstance(material, Zoned) and np.any(np.asarray(pore_pressure)[in_total_stress_at(material)]):
+        traced = check.is_traced(pore_pressure)
+        if (
+            isinstance(material, Zoned)
+            and not traced
+            and np.any(np.asarray(pore_pressure)[in_total_stress_at(material)])
+        ):
             raise ValueError("pore_pressure above 0 in a zone whose strength is undrained: give 0 Pa there")
 
 
@@ -280,7 +292,7 @@ def check_weight_below_water(scene: Scene) -> None:
     if water is None or check.is_traced(scene):
         return
     particles = scene.particles
-    push = np.asarray(water.push(particles.position)[-1], float)
+    push = np.asarray(at_once(lambda table, at: table.push(at), water, particles.position)[-1], float)
     down = -float(scene.loads.gravity[-1])
     heavy = down * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
     floats = np.flatnonzero((push > 0) & (heavy <= push * (1 + 1e-6)))

@@ -13,6 +13,7 @@ from jaxmpm.grid import Grid, Particles
 from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array, at_once, taken
 
 
 def fill(
@@ -62,9 +63,9 @@ def fill(
     position = position + np.asarray(corner, float)[:, None]
     volume = float(np.prod(spacing))
     return Particles(
-        position=jnp.asarray(position, dtype),
-        mass=jnp.full(position.shape[1], unit_weight / STANDARD_GRAVITY * volume, dtype),
-        volume=jnp.full(position.shape[1], volume, dtype),
+        position=array(position, dtype),
+        mass=at_once(lambda each: jnp.full(position.shape[1], each / STANDARD_GRAVITY * volume, dtype), unit_weight),
+        volume=array(np.full(position.shape[1], volume), dtype),
     )
 
 
@@ -99,4 +100,4 @@ def ordered(particles: Particles, grid: Grid) -> Particles:
     cells = (position - np.asarray(grid.origin)[:, None]) / grid.cell
     number = np.floor(cells - 0.5).astype(np.int64)
     sequence = np.lexsort(number[::-1])
-    return jax.tree.map(lambda leaf: leaf[..., sequence], particles)
+    return taken(particles, sequence)

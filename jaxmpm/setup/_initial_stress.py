@@ -7,6 +7,7 @@ gravity exactly there, so that velocities and displacements start from zero.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -20,23 +21,29 @@ from jaxmpm.boundary import hold
 from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, closed, external_force, gaps, sheared
 from jaxmpm.laws import elastic_increment
 from jaxmpm.setup._scene import unstressed, with_stress
-from jaxmpm.types import Scene, State
+from jaxmpm.support import check
+from jaxmpm.support.tracing import at_once, host, require_known
+from jaxmpm.types import Scene, State, Status
+
+TOLERANCE = {"float32": 1e-5, "float64": 1e-10}
+"""Of the conjugate gradients, as a share of the load, by precision."""
 
 
 @partial(jax.jit, static_argnames=("iterations", "gapped"))
 def elastic_equilibrium(
-    scene: Scene, stress: Array, *, tolerance: float = 1e-5, iterations: int = 2000, gapped: bool = False
+    scene: Scene, stress: Array, *, tolerance: float | None = None, iterations: int = 2000, gapped: bool = False
 ) -> tuple[Array, Array]:
     """Stress in balance with the load, reached elastically from another stress.
 
     The load is that of gravity, water and body force at time 0. The result depends on the elastic moduli (`bulk`,
     `shear` of the material), never on strength. The nodal mass is the preconditioner. Strain and mean stress are
-    averaged as in a step; otherwise the first forces of a run would be out of balance.
+    averaged as in a step; otherwise the first forces of a run would be out of balance. Derivatives are those of the
+    equations: a forward or reverse pass solves once more, with the same tolerance of its own right-hand side.
 
     Args:
         scene: to load.
         stress: (s, N) Pa to start from.
-        tolerance: of the conjugate gradients, as a share of the load.
+        tolerance: of the conjugate gradients, as a share of the load; None for that of the precision.
         iterations: their largest number.
         gapped: whether soil lies above nodes of rigid ground by a share of a cell, which the forces close. The problem
             is then not symmetric.
@@ -78,17 +85,88 @@ def elastic_equilibrium(
     load = free(load)
     net = load + internal_force(stress)
     norm = jnp.linalg.norm(load)
-    solve = jax.scipy.sparse.linalg.bicgstab if gapped else jax.scipy.sparse.linalg.cg
-    solution, _ = solve(
-        lambda u: -internal_force(stress_of(u)),
-        net,
-        M=lambda r: jnp.where(carries, r / jnp.where(carries, mass, 1), 0),
-        tol=0.0,
-        atol=tolerance * norm,
-        maxiter=iterations,
-    )
-    balanced = stress + stress_of(solution)
+    method = _bicgstab if gapped else jax.scipy.sparse.linalg.cg
+    share = TOLERANCE[stress.dtype.name] if tolerance is None else tolerance
+    weight = jax.lax.stop_gradient(jnp.where(carries, mass, 1))
+
+    def extended(force: Array, scale: Array) -> Array:
+        return jnp.concatenate([force, jnp.full_like(force[:1], scale)])
+
+    def solve(matrix: Callable[[Array], Array], right: Array) -> Array:
+        # The scale is constant, so that it is 0 where a derivative is solved for.
+        force, scale = right[:-1], right[-1, 0]
+        scale = jnp.where(scale > 0, scale, jnp.linalg.norm(force))
+        solution, _ = method(
+            lambda u: matrix(extended(u, scale))[:-1], force, M=lambda r: jnp.where(carries, r / weight, 0), tol=0.0,
+            atol=share * scale, maxiter=iterations,
+        )  # fmt: skip
+        return extended(solution, right[-1, 0])
+
+    def product(u: Array) -> Array:
+        return jnp.concatenate([-internal_force(stress_of(free(u[:-1]))), u[-1:]])
+
+    if gapped:
+        # An average divides sums of one array by each other, which only its derivative shows to be linear.
+        _, product = jax.linearize(product, extended(jnp.zeros_like(net), jnp.zeros_like(norm)))
+    solution = jax.lax.custom_linear_solve(
+        product,
+        extended(net, jax.lax.stop_gradient(norm)), solve, transpose_solve=solve, symmetric=not gapped,
+    )[:-1]  # fmt: skip
+    balanced = stress + stress_of(free(solution))
     return balanced, jnp.linalg.norm(load + internal_force(balanced)) / norm
+
+
+def _bicgstab(
+    matrix: Callable[[Array], Array],
+    right: Array,
+    *,
+    M: Callable[[Array], Array],
+    tol: float,
+    atol: Array,
+    maxiter: int,
+) -> tuple[Array, None]:
+    """Biconjugate gradients, stabilised; that of JAX transposes the matrix once more.
+
+    Source: van der Vorst (1992), SIAM Journal on Scientific and Statistical Computing 13, 631-644,
+    doi:10.1137/0913035.
+
+    Args:
+        matrix: function that multiplies by it.
+        right: side of the equations.
+        M: preconditioner.
+        tol: not used.
+        atol: norm of the residual at which to stop.
+        maxiter: largest number of iterations.
+
+    Returns:
+        The solution, and None.
+    """
+    Vectors = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
+
+    def goes_on(now: Vectors) -> Array:
+        _, residual, *_, count = now
+        return (jnp.vdot(residual, residual) > atol**2) & (count < maxiter) & (count >= 0)
+
+    def iteration(now: Vectors) -> Vectors:
+        solution, residual, alpha, omega, rho, p, q, count = now
+        rho, before = jnp.vdot(right, residual), rho
+        p = residual + rho / before * alpha / omega * (p - omega * q)
+        along = M(p)
+        q = matrix(along)
+        alpha = rho / jnp.vdot(right, q)
+        half = residual - alpha * q
+        early = jnp.vdot(half, half) < atol**2
+        beside = M(half)
+        t = matrix(beside)
+        omega = jnp.vdot(t, half) / jnp.vdot(t, t)
+        solution = solution + alpha * along + jnp.where(early, 0, omega * beside)
+        residual = jnp.where(early, half, half - omega * t)
+        broken = (rho == 0) | (~early & (omega == 0)) | (alpha == 0)
+        return solution, residual, alpha, omega, rho, p, q, jnp.where(broken, -1, count + 1)
+
+    one, zero = jnp.ones((), right.dtype), jnp.zeros_like(right)
+    start = zero, right, one, one, one, zero, zero, jnp.zeros((), jnp.int32)
+    return jax.lax.while_loop(goes_on, iteration, start)[0], None
 
 
 def _sticking(scene: Scene) -> Scene:
@@ -106,8 +184,14 @@ def _gapped(scene: Scene) -> bool:
     """Whether undrained soil lies above nodes of rigid ground by a share of a cell."""
     if sheared(scene) is False:
         return False
-    maps = Maps(scene, scene.particles.position)
-    gap = gaps(_sticking(scene), maps.to_grid(scene.particles.mass[None], None)[:, 0])
+    if check.is_traced(scene):
+        return True  # the forces close what there is
+
+    def found(scene: Scene) -> Array | None:
+        mass = Maps(scene, scene.particles.position).to_grid(scene.particles.mass[None], None)
+        return gaps(_sticking(scene), mass[:, 0])
+
+    gap = at_once(found, scene)
     return gap is not None and bool(np.any(np.asarray(gap)))
 
 
@@ -135,7 +219,8 @@ def settled(scene: Scene, state: State) -> State:
     """State with the stress of elastic gravity loading, solved from the columns' own weight.
 
     The horizontal stress to start from is K0 times the vertical one: the scene's `k0`, by default nu / (1 - nu). The
-    loading adds what the ground's shape asks for, nothing where it is level.
+    loading adds what the ground's shape asks for, nothing where it is level. Numbers of the soil, the loads and the
+    water may be traced by `jit`, `grad` and `vmap`. A lane that is not balanced then has the status BAD_PARAMETER.
 
     Args:
         scene: to load.
@@ -152,16 +237,20 @@ def settled(scene: Scene, state: State) -> State:
             "ends = 'free field' hold nothing at rest: the stress of such a section is that of `section`, build it anew"
         )
     loads = scene.loads
-    if not np.any(np.asarray(loads.gravity)) and loads.body_force is None and loads.water is None:
+    weightless = not check.is_traced(loads.gravity) and not np.any(np.asarray(loads.gravity))
+    if weightless and loads.body_force is None and loads.water is None:
         return state
     d, dtype = scene.grid.dimension, state.stress.dtype
     vertical = -overburden(scene).astype(dtype)
-    bulk, shear = np.asarray(scene.material.bulk), np.asarray(scene.material.shear)
+    bulk, shear = scene.material.bulk, scene.material.shear
     elastic = (bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)
-    k0 = (elastic if scene.loads.k0 is None else np.asarray(scene.loads.k0)).astype(dtype)
+    k0 = jnp.asarray(elastic if scene.loads.k0 is None else scene.loads.k0, dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
     stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
     balanced, residual = elastic_equilibrium(scene, stress, gapped=_gapped(scene))
+    if check.is_traced(residual):
+        status = jnp.where(residual < RESIDUAL, state.status, int(Status.BAD_PARAMETER))
+        return with_stress(scene, replace(state, status=status), balanced)
     if not float(residual) < RESIDUAL:
         raise ValueError(
             f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit {RESIDUAL:g}): "
@@ -171,7 +260,7 @@ def settled(scene: Scene, state: State) -> State:
     return with_stress(scene, state, balanced)
 
 
-def overburden(scene: Scene) -> np.ndarray:
+def overburden(scene: Scene) -> np.ndarray | Array:
     """Effective vertical stress by weight alone.
 
     It is the weight per area of the soil above each particle of a lattice in its own column, half of itself included,
@@ -181,28 +270,41 @@ def overburden(scene: Scene) -> np.ndarray:
         scene: of particles on a lattice.
 
     Returns:
-        (N,) Pa, positive in compression.
+        (N,) Pa, positive in compression; traced where weight or water are.
+
+    Raises:
+        ValueError: If the particles' positions are traced, which tell the columns.
     """
-    position = np.asarray(scene.particles.position)
-    *across, z = position
+    where = scene.particles.position
+    require_known(
+        {"particles' position": where},
+        "close over the scene in place of handing it to the function that is transformed, and vary its numbers there",
+    )
+    *across, z = position = np.asarray(where)
     order = np.lexsort((-z, *across))
     starts = np.r_[True, np.any(np.diff(position[:-1, order], axis=1) != 0, axis=0)]
     if starts.all():
         return np.zeros(z.size)
-    mass, volume = np.asarray(scene.particles.mass, float), np.asarray(scene.particles.volume, float)
+    particles, loads = scene.particles, scene.loads
+    numbers = host(particles, loads)
+    mass, volume = (numbers.asarray(each, float) for each in (particles.mass, particles.volume))
     # Not volume over height: the ground's surface may cut a particle.
     gaps = [np.diff(np.unique(axis)) for axis in across]
     height = -np.diff(z[order])[~starts[1:]].min()
-    area = float(np.prod([np.median(gap) for gap in gaps])) if all(gap.size for gap in gaps) else volume.max() / height
-    loads = scene.loads
-    weight = -float(loads.gravity[-1]) * mass
+    known = all(gap.size for gap in gaps)
+    area = float(np.prod([np.median(gap) for gap in gaps])) if known else volume.max() / height
+    weight = -numbers.asarray(loads.gravity, float)[-1] * mass
     if loads.water is not None:
-        weight = weight - volume * np.asarray(loads.water.push(scene.particles.position)[-1], float)
-    weight = weight[order] / area
-    below = np.cumsum(weight)
-    column = np.maximum.accumulate(np.where(starts, np.arange(order.size), 0))
-    above = np.empty(order.size)
-    above[order] = below - weight / 2 - (below - weight)[column]
+        push = at_once(lambda water, at: water.push(at)[-1], loads.water, particles.position)
+        weight = weight - volume * numbers.asarray(push, float)
+    # Each column is a row, its uppermost particle first.
+    column = np.cumsum(starts) - 1
+    place = np.arange(order.size) - np.flatnonzero(starts)[column]
+    index = np.full((column[-1] + 1, place.max() + 1), order.size)
+    index[column, place] = order
+    rows = numbers.append(weight / area, 0.0)[index]
+    inverse = np.argsort(order)
+    above = (numbers.cumsum(rows, axis=1) - rows / 2)[column[inverse], place[inverse]]
     if loads.pore_pressure is not None:
-        above = np.where(above > 0, above - np.asarray(loads.pore_pressure, float), above)
+        above = numbers.where(above > 0, above - numbers.asarray(loads.pore_pressure, float), above)
     return above

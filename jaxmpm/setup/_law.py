@@ -17,6 +17,7 @@ from jaxmpm.grid import Particles
 from jaxmpm.laws import Zoned, declared, excesses, hardens, in_total_stress, laws_of, snaps_back
 from jaxmpm.protocols import Material
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array, at_once
 from jaxmpm.types import Scene
 
 Found = TypeVar("Found")
@@ -37,6 +38,10 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
             exceeds friction.
     """
     check.within_limits(scene)
+    at_once(_check_laws, scene, axes)
+
+
+def _check_laws(scene: Scene, axes: Scene | None) -> None:
     laws = laws_of(scene.material)
     for law, own in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
         if not check.is_traced(law):
@@ -71,15 +76,18 @@ def _check_together(law: Material, axes: Material | None) -> None:
             )
 
 
-def wave_speed(particles: Particles, material: Material) -> float:
-    """Speed of the fastest elastic wave at any particle (m/s).
+def wave_speed(particles: Particles, material: Material) -> float | Array:
+    """Speed of the fastest elastic wave at any particle (m/s), traced where mass, volume or stiffness are.
 
     Args:
         particles: of a scene.
         material: their law.
     """
+    modulus = at_once(lambda law: law.p_wave_modulus, material)
+    if check.is_traced(modulus, particles.mass, particles.volume):
+        return jnp.sqrt(jnp.max(modulus * particles.volume / particles.mass))
     density = np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
-    return math.sqrt(float(np.max(np.asarray(material.p_wave_modulus, float) / density)))
+    return math.sqrt(float(np.max(np.asarray(modulus, float) / density)))
 
 
 def check_shape(name: str, value: ArrayLike, particles: Particles) -> None:
@@ -134,4 +142,4 @@ def in_total_stress_at(material: Zoned) -> np.ndarray:
 
 def number_of(dtype: np.dtype) -> Callable[[ArrayLike], Array]:
     """A function that makes an array of this precision of a number or an array."""
-    return lambda value: jnp.asarray(value, dtype)
+    return lambda value: array(value, dtype)

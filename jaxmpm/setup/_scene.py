@@ -31,6 +31,7 @@ from jaxmpm.setup._discretisation import Discretisation, check_discretisation, k
 from jaxmpm.setup._law import check_scene, check_shape, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array
 from jaxmpm.tensors import CARRIED, expand
 from jaxmpm.transfer import passes_for
 from jaxmpm.types import Boundary, Engine, Loads, Numerics, Scene, State, Status
@@ -80,6 +81,8 @@ def scene(
     warn_of_hats(kernel, discretisation.scheme, particles, grid)
     g = gravity_vector(loads.gravity, d)
     if speed is None:
+        if check.is_traced(g):
+            raise ValueError("gravity is traced, and the time step allows for a fall under it: give the largest speed")
         speed = math.sqrt(float(np.linalg.norm(g)) * (grid.shape[-1] - 1) * grid.cell)
     check.not_negative("speed", speed, "m/s")
     number = number_of(dtype)
@@ -139,7 +142,7 @@ def scene(
             friction=optional(boundary.friction),
             cohesion=optional(boundary.cohesion),
             pressure=optional(boundary.pressure),
-            cut=None if boundary.cut is None else jnp.asarray(boundary.cut),
+            cut=None if boundary.cut is None else array(boundary.cut, bool),
             base=jax.tree.map(number, boundary.base),
             softening=optional(boundary.softening),
         ),
@@ -160,6 +163,8 @@ def scene(
 
 def _check_time_step(scene: Scene, motion: Motion | None) -> None:
     """Raise ValueError for damping that a time step takes too far; warn of a record that it skips parts of."""
+    if check.is_traced(scene.numerics.time_step):
+        return
     dt, damping = float(scene.numerics.time_step), scene.numerics.damping
     if damping is not None and float(damping) * dt >= 1:
         raise ValueError(

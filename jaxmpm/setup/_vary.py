@@ -19,6 +19,7 @@ from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.support import check
+from jaxmpm.support.tracing import at_once, host
 from jaxmpm.types import Scene, State
 
 WATER_LEVEL = "water_level"
@@ -120,6 +121,8 @@ def check_start(state: State, names: Collection[str]) -> None:
     Raises:
         ValueError: If stiffness or weight are among them and the state has moved.
     """
+    if check.is_traced(state):
+        return
     if STARTING & set(names) and (np.any(np.asarray(state.displacement)) or np.any(np.asarray(state.velocity))):
         raise ValueError(
             f"{sorted(STARTING & set(names))} vary, so the initial stress is solved again, but `state` has moved: give "
@@ -173,14 +176,21 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     if not STARTING & given.keys():
         return varied, state
     numerics = scene.numerics
-    if not check.admissible(varied):
+    good = at_once(check.admissible, varied)
+    if not check.is_traced(good) and not good:
         # Its lane takes no step. The time step is a leaf that varies, so it is a new array in any case.
         return replace(varied, numerics=replace(numerics, time_step=numerics.time_step * 1)), state
     before, after = (wave_speed(s.particles, s.material) for s in (scene, varied))
-    varied = replace(varied, numerics=replace(numerics, time_step=numerics.time_step * min(1.0, before / after)))
-    if not np.any(np.asarray(state.stress)):
+    shorter = host(before, after).minimum(1.0, before / after)
+    varied = replace(varied, numerics=replace(numerics, time_step=numerics.time_step * shorter))
+    stressed = True if check.is_traced(state.stress) else bool(np.any(np.asarray(state.stress)))
+    if not stressed:
         return varied, state
-    return varied, with_stress(varied, state, at_rest(varied).stress)
+    rest = at_rest(varied)
+    if check.is_traced(state.stress):
+        rest = replace(rest, stress=jnp.where(jnp.any(state.stress != 0), rest.stress, state.stress))
+    state = replace(state, status=jnp.maximum(state.status, rest.status)) if check.is_traced(rest.status) else state
+    return varied, with_stress(varied, state, rest.stress)
 
 
 def _heavier(scene: Scene, varied: Scene) -> Array:
@@ -191,7 +201,8 @@ def _heavier(scene: Scene, varied: Scene) -> Array:
         )
     dry = replace(scene.loads, pore_pressure=None)
     before, after = (overburden(replace(each, loads=dry)) for each in (scene, varied))
-    ratio = np.divide(after, before, out=np.ones_like(before), where=before != 0)
+    numbers = host(before, after)
+    ratio = numbers.where(before == 0, 1.0, after / numbers.where(before == 0, 1.0, before))
     return jnp.asarray(ratio, scene.particles.mass.dtype)
 
 

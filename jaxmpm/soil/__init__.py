@@ -4,7 +4,7 @@ from jaxmpm.soil._beyond import AnisotropicSoil, CamClaySoil, GranularSoil
 from jaxmpm.soil._interface import Interface
 from jaxmpm.soil._layers import law_of_layers, weights
 from jaxmpm.soil._limits import AnySoil, soil_limits, warn_of_units
-from jaxmpm.soil._soil import STANDARD_GRAVITY, FrictionalSoil, PlasticStrain, Soil, moduli
+from jaxmpm.soil._soil import STANDARD_GRAVITY, FrictionalSoil, PlasticStrain, Soil, moduli, radians
 from jaxmpm.soil._units import Plausible, unit_slip
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "Soil",
     "law_of_layers",
     "moduli",
+    "radians",
     "soil_limits",
     "unit_slip",
     "warn_of_units",

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import partial
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxmpm.laws import AnisotropicUndrained, ModifiedCamClay, MuI
 from jaxmpm.soil._limits import ANGLE
-from jaxmpm.soil._soil import check_numbers, moduli
+from jaxmpm.soil._soil import check_numbers, moduli, radians
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array, host
 
 
 @dataclass(frozen=True)
@@ -61,16 +60,18 @@ class CamClaySoil:
         check_numbers(self)
         check.positive("swelling", self.swelling)
         check.positive("largest_pressure", self.largest_pressure, "Pa")
-        if np.any(np.asarray(self.swelling) >= np.asarray(self.compression)):
+        if not check.is_traced(self.swelling, self.compression) and np.any(
+            np.asarray(self.swelling) >= np.asarray(self.compression)
+        ):
             raise ValueError(
                 f"swelling = {np.max(np.asarray(self.swelling)):g} with compression = "
                 f"{np.min(np.asarray(self.compression)):g}: give less than the compression, commonly a tenth to a third"
             )
-        number = partial(jnp.asarray, dtype=dtype)
-        bulk = number(self.largest_pressure / np.asarray(self.swelling))
+        number = partial(array, dtype=dtype)
+        bulk = self.largest_pressure / host(self.swelling).asarray(self.swelling)
         shear = bulk * (3 * (1 - 2 * self.poisson) / (2 * (1 + self.poisson)))
         numbers = (self.compression, self.swelling, self.critical_state, self.ocr, self.least_pressure)
-        return ModifiedCamClay(bulk, shear, *map(number, numbers))
+        return ModifiedCamClay(*map(number, (bulk, shear, *numbers)))
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class AnisotropicSoil:
         check_numbers(self)
         strengths = self.active_strength, self.simple_strength, self.passive_strength
         numbers = (*moduli(self.young, self.poisson), *strengths, self.failure_strain)
-        return AnisotropicUndrained(*(jnp.asarray(value, dtype) for value in numbers))
+        return AnisotropicUndrained(*(array(value, dtype) for value in numbers))
 
 
 @dataclass(frozen=True)
@@ -158,13 +159,14 @@ class GranularSoil:
         check_numbers(self)
         for name in ("static_friction", "dynamic_friction"):
             check.within(name, getattr(self, name), ANGLE)
-        if self.dynamic_friction < self.static_friction:
+        traced = check.is_traced(self.dynamic_friction, self.static_friction)
+        if not traced and self.dynamic_friction < self.static_friction:
             raise ValueError(
                 f"dynamic_friction = {self.dynamic_friction:g} degrees, below the static_friction of "
                 f"{self.static_friction:g} degrees: give at least that"
             )
-        number = partial(jnp.asarray, dtype=dtype)
+        number = partial(array, dtype=dtype)
         bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
-        static, dynamic = (number(math.radians(angle)) for angle in (self.static_friction, self.dynamic_friction))
+        static, dynamic = (number(radians(angle)) for angle in (self.static_friction, self.dynamic_friction))
         of_grains = number(self.inertial_number), number(self.grain_size), number(self.grain_density)
         return MuI(bulk, shear, static, dynamic, *of_grains, self.gap_memory)

@@ -12,9 +12,11 @@ from jax import Array
 from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
 from jaxmpm.soil._limits import AnySoil
+from jaxmpm.support import check
+from jaxmpm.support.tracing import at_once, host
 
 
-def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | None) -> np.ndarray:
+def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Array | None) -> np.ndarray | Array:
     """Unit weights of particles in layers, saturated ones under a water table.
 
     Args:
@@ -25,11 +27,12 @@ def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Non
     Returns:
         (N,) N/m3.
     """
-    weight = np.array([soil.unit_weight for soil in soils])[layer]
-    if under is None:
-        return weight
-    saturated = [getattr(soil, "saturated_unit_weight", None) or soil.unit_weight for soil in soils]
-    return np.where(under, np.array(saturated)[layer], weight)
+    dry = [soil.unit_weight for soil in soils]
+    wet = [getattr(soil, "saturated_unit_weight", None) for soil in soils]
+    saturated = [weight if own is None else own for weight, own in zip(dry, wet, strict=True)]
+    numbers = host(dry, saturated, under)
+    weight = numbers.asarray(dry)[layer]
+    return weight if under is None else numbers.where(under, numbers.asarray(saturated)[layer], weight)
 
 
 def law_of_layers(laws: Sequence[Material], layer: np.ndarray) -> tuple[Material, np.ndarray]:
@@ -68,7 +71,8 @@ def _common_law(laws: Sequence[Material], numbers: Sequence[int], layer: np.ndar
     column = np.searchsorted(numbers, layer)
 
     def parameter(*values: Array) -> Array:
-        different = any(value != values[0] for value in values[1:])
-        return jnp.stack(values)[column] if different else values[0]
+        first, *others = values
+        different = check.is_traced(values) or any(np.any(np.asarray(each) != np.asarray(first)) for each in others)
+        return at_once(lambda each: jnp.stack(each)[column], values) if different else values[0]
 
     return jax.tree.map(parameter, *(laws[number] for number in numbers))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
@@ -28,6 +27,7 @@ from jaxmpm.laws import (
 )
 from jaxmpm.soil._limits import LIMITS
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array
 
 Number = TypeVar("Number", float, Array)
 
@@ -119,7 +119,7 @@ class Soil:
                 f"strength_ratio = {self.strength_ratio:g} is of the stress at rest, which only a campaign works out: "
                 "build with a strength, then give each particle `ratio * overburden(scene)` by `with_soil`"
             )
-        number = partial(jnp.asarray, dtype=dtype)
+        number = partial(array, dtype=dtype)
         bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
         if self.strength is None:
             return Elastic(bulk, shear)
@@ -209,11 +209,11 @@ class FrictionalSoil:
         """
         check_soil(self)
         check.between("dilation", self.dilation, 0.0, self.friction, ends=True)
-        if self.cohesion == 0 and self.friction == 0:
+        if not check.is_traced(self.cohesion, self.friction) and self.cohesion == 0 and self.friction == 0:
             raise ValueError("cohesion = 0 Pa with friction = 0 degrees: give at least one of them")
-        number = partial(jnp.asarray, dtype=dtype)
+        number = partial(array, dtype=dtype)
         bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
-        angles = number(math.radians(self.friction)), number(math.radians(self.dilation))
+        angles = number(radians(self.friction)), number(radians(self.dilation))
         strength = number(self.cohesion), *angles, self._softening(_scale(self, band), number), _cutoff(self, number)
         if self.criterion is DruckerPrager:
             if not isinstance(self.matching, Matching):
@@ -226,14 +226,15 @@ class FrictionalSoil:
     def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> FrictionalSoftening | None:
         if self.softening_strain is None:
             for name in ("residual_cohesion", "residual_friction"):
-                if getattr(self, name):
+                value = getattr(self, name)
+                if check.is_traced(value) or value:
                     raise ValueError(f"{name} has no effect without softening_strain: give it, or leave {name} out")
             return None
         check.between("residual_cohesion", self.residual_cohesion, 0.0, self.cohesion, ends=True)
         check.between("residual_friction", self.residual_friction, 0.0, self.friction, ends=True)
         if not isinstance(self.decay, Decay):
             raise ValueError(f"decay = {self.decay!r}: give a member of Decay")
-        residual = number(self.residual_cohesion), number(math.radians(self.residual_friction))
+        residual = number(self.residual_cohesion), number(radians(self.residual_friction))
         return FrictionalSoftening(*residual, number(self.softening_strain / scale), self.decay)
 
 
@@ -259,6 +260,18 @@ def _scale(soil: Soil | FrictionalSoil, band: float) -> float:
 
 def _cutoff(soil: Soil | FrictionalSoil, number: Callable[[ArrayLike], Array]) -> Array | None:
     return None if soil.tension_cutoff is None else number(soil.tension_cutoff)
+
+
+def radians(angle: Number) -> Number:
+    """An angle in radians.
+
+    Args:
+        angle: degrees, a number or an array.
+
+    Returns:
+        rad.
+    """
+    return angle * (math.pi / 180)
 
 
 def moduli(young: Number, poisson: Number) -> tuple[Number, Number]:

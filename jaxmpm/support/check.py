@@ -224,7 +224,7 @@ def within(name: str, value: object, limit: Limit, *, remedy: str = "") -> None:
     Raises:
         ValueError: If an element is outside the limit or no number.
     """
-    if is_traced(value):
+    if is_traced(value, limit.above, limit.least, limit.most, limit.below):
         return
     array, remedy = np.asarray(value), f"; {remedy}" if remedy else ""
     if array.dtype.kind not in "fiub":

@@ -1,0 +1,96 @@
+"""Set-up under `jit`, `grad` and `vmap`: what JAX is not tracing stays known to the host.
+
+Within `jit` every operation of JAX makes a traced value, even one of known numbers. Builders look at numbers, such as
+the places of particles, so they work those out at once, while the program is traced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
+from types import ModuleType
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike, DTypeLike
+
+from jaxmpm.support import check
+
+T = TypeVar("T")
+
+
+def host(*trees: object) -> ModuleType:
+    """NumPy, or `jax.numpy` where a value is traced.
+
+    Args:
+        *trees: values that a calculation needs.
+
+    Returns:
+        The module.
+    """
+    return jnp if check.is_traced(*trees) else np
+
+
+def at_once(function: Callable[..., T], *arguments: Any) -> T:
+    """What a function gives, worked out now unless an argument is traced.
+
+    Args:
+        function: of JAX's arrays.
+        *arguments: pytrees.
+
+    Returns:
+        Its result.
+    """
+    if check.is_traced(*arguments):
+        return function(*arguments)
+    with jax.ensure_compile_time_eval():
+        return function(*arguments)
+
+
+def array(value: ArrayLike, dtype: DTypeLike) -> Array:
+    """An array of a precision, known unless the value is traced.
+
+    Args:
+        value: number or array.
+        dtype: of the array.
+
+    Returns:
+        The array.
+    """
+    return at_once(lambda each: jnp.asarray(each, dtype), value)
+
+
+def taken(tree: T, order: np.ndarray) -> T:
+    """A pytree of arrays (..., N) with other places along the last axis, each known unless it is traced.
+
+    Args:
+        tree: of arrays.
+        order: places (M,) to take.
+
+    Returns:
+        The pytree.
+    """
+    return jax.tree.map(lambda leaf: at_once(lambda each: each[..., order], leaf), tree)
+
+
+def require_known(values: Mapping[str, object], remedy: str) -> None:
+    """Check that values that shape a program are known.
+
+    Args:
+        values: by name; of dataclasses, all fields.
+        remedy: how to differentiate by them, or to batch them, otherwise.
+
+    Raises:
+        ValueError: One is traced.
+    """
+    for name, value in values.items():
+        parts = vars(value) if is_dataclass(value) and not isinstance(value, type) else {"": value}
+        for part, each in parts.items():
+            if check.is_traced(each):
+                raise ValueError(
+                    f"{f'{part} of ' if part else ''}{name} is traced by jit, grad or vmap, and it shapes the program: "
+                    f"give a number; {remedy}"
+                )
