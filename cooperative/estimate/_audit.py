@@ -88,6 +88,11 @@ RARELY = 0.05
 """Where the model brings so many failures far down the ranking more rarely than this, the ranks mislead."""
 
 
+SUPPOSED = 0.25
+"""Failures, and runs that stand, that are supposed far down the ranking beside those seen there: with as many the true
+scatter of made-up campaigns with a target is at most what they claim, wherever a few failures hide, and half as many
+runs more are needed where none do."""
+
 UNPROVEN = 2 / 3
 """Least share of even draws while all runs end alike, in which ranks prove nothing: the limit of P_f is then at most
 1.5 times that of as many even draws."""
@@ -250,6 +255,23 @@ def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
     highest = stands[0] if stands.size else outcome.size
     failed = int(outcome[ranks[far & (ranks > highest)]].sum())
     return Surprise(int(far.sum()), failed, float(model[far].sum()))
+
+
+def guarded(waves: Sequence[Wave], outcome: np.ndarray, model: np.ndarray) -> np.ndarray:
+    """The model, where samples far down the ranking fail at least as often as the draws among them leave possible.
+
+    It is the rule of succession (Jeffreys 1961, Theory of Probability, Section 3.23) with `SUPPOSED` of either kind. An
+    audit with a target draws by it, and claims its variance: failures that hide below what the model knows are seldom
+    met, and a campaign that stops when it has met none would claim too little.
+
+    Args:
+        waves: complete ones.
+        outcome: 0, 1 or nan by rank (N,).
+        model: probability of failure by rank (N,).
+    """
+    far = surprise(waves, outcome)
+    rate = (far.failed + SUPPOSED) / (far.drawn + 2 * SUPPOSED)
+    return np.where(model < FAR_DOWN, np.maximum(model, rate), model)
 
 
 def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray, *, shared: bool = False) -> float:

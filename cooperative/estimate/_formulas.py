@@ -12,7 +12,7 @@ from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_
 from cooperative.estimate._protocol import Answers
 from cooperative.estimate._ranking import rank_samples, stopping_rank
 
-CONTROL_VARIATE = "multifidelity control variate"
+MONTE_CARLO, CONTROL_VARIATE = "Monte Carlo", "multifidelity control variate"
 FOLDS = 5
 """Folds of the control variate; it takes two runs in each."""
 
@@ -53,7 +53,7 @@ def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.
     failed = as_answers(failed)
     share = float(failed.mean())
     remaining = share * (1 - share) * (1 / failed.size - 1 / samples)
-    return binomial("Monte Carlo", int(failed.sum()), failed.size, failed.size, level=level, audit_variance=remaining)
+    return binomial(MONTE_CARLO, int(failed.sum()), failed.size, failed.size, level=level, audit_variance=remaining)
 
 
 def published(

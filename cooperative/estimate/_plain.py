@@ -6,19 +6,22 @@ these: their order is independent of their soil, so they are a random subset.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
 
-from cooperative.estimate._estimates import RARE, Estimate, after_more_runs, count_interval
-from cooperative.estimate._formulas import FOLDS, control_variate, monte_carlo, published
+from cooperative.estimate._estimates import Estimate, after_more_runs, count_interval
+from cooperative.estimate._formulas import CONTROL_VARIATE, FOLDS, MONTE_CARLO, control_variate, monte_carlo, published
+from cooperative.estimate._in_order import Control, Ordered, in_order, ordered_estimate
+from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._protocol import Answers, Estimator, Population, Sampling, Screened, all_samples
 from cooperative.estimate._ranking import next_refined, rank_samples, stopping_rank
 
 LOOK = 10
-"""Monte Carlo looks at its target after so many samples, and again after as many."""
+"""Runs of the first samples to a target are given their shares so many at a time."""
 POINTS = 60
 """At most so many points of a path."""
 
@@ -155,6 +158,7 @@ class InOrder(Budgeted):
         k_t: of the published rule, whose n/N stands beside the estimate where the runs allow it.
     """
 
+    method: ClassVar[str]
     k_t: int | None = None
 
     def check(self, sampling: Sampling) -> None:
@@ -164,40 +168,52 @@ class InOrder(Budgeted):
         check_all_run(self, sampling)
 
     def next_runs(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
-        """The first samples, as many as the budget allows, or until the target is met at a multiple of 10."""
-        runs, target, there = self.budget(population.size), self.target_cov, _without_gap(answers)
-        if target is not None:
-            met = (
-                stop
-                for stop in range(LOOK, there + 1, LOOK)
-                if self._meets(target, population, {s: answers[s] for s in range(stop)})
-            )
-            runs = next(met, runs)
+        """The first samples, as many as the budget allows, or as a target asks for by the next look."""
+        runs = self.budget(population.size)
+        if self.target_cov is not None:
             # Not beyond the next look: what is run after it might not be needed.
-            runs = min(runs, LOOK * (there // LOOK + 1))
+            runs = self._ordered(self.target_cov, population, answers).to_run
         missing = [number for number in range(runs) if number not in answers and number not in under_way]
         return missing[: max(lanes - len(under_way), 0)]
 
-    def _meets(self, target: float, population: Population, answers: Answers) -> bool:
-        """Whether answers meet a target. Where few fail or few stand their own scatter is too small by chance.
+    def control(self, population: Population) -> Control | None:
+        """What each sample is expected to do, by the runs so far; None for nothing."""
+        return None
 
-        Then half of the target is asked for, of two failures and two that stand more (Agresti and Coull 1998,
-        doi:10.1080/00031305.1998.10480550).
-        """
-        failed = [answer for answer in answers.values() if answer is not None]
-        failures, runs = sum(failed), len(failed)
-        share = (failures + 2) / (runs + 4)
-        if min(failures, runs - failures) < RARE and (1 - share) / (share * (runs + 4)) > (target / 2) ** 2:
-            return False
-        return self.estimate(population, answers).cov <= target
+    @abstractmethod
+    def untargeted(self, population: Population, answers: Answers) -> Estimate:
+        """The estimate from the first answers, where nothing but their number ended them."""
+
+    def estimate(self, population: Population, answers: Answers) -> Estimate:
+        """From the first answers; with a target those up to the last look, by the shares that these were given."""
+        if self.target_cov is None:
+            return self.untargeted(population, answers)
+        ordered = self._ordered(self.target_cov, population, answers)
+        if not ordered.share.size:
+            return self.untargeted(population, answers)
+        outcomes, lost = _first_answers({number: answers[number] for number in range(ordered.share.size)})
+        estimate = ordered_estimate(
+            self.method, _outcomes(answers), population.size, ordered, control=self.control(population)
+        )
+        return _open_to(lost, outcomes, estimate)
+
+    def _ordered(self, target: float, population: Population, answers: Answers) -> Ordered:
+        return in_order(
+            _outcomes(answers), population.size, target=target, budget=self.budget(population.size),
+            control=self.control(population), look=LOOK,
+        )  # fmt: skip
 
     def path(self, population: Population, answers: Answers) -> list[Estimate]:
         """After every 10 samples, or more."""
         return _path(range(_without_gap(answers)), LOOK, self, population, answers)
 
     def weights(self, population: Population, answers: Answers) -> dict[int, float]:
-        """Each run with an answer counts once."""
-        return dict.fromkeys(_first_answers(answers)[0], 1.0)
+        """Each run with an answer counts once, or with a target by its share."""
+        outcomes = _first_answers(answers)[0]
+        if self.target_cov is None:
+            return dict.fromkeys(outcomes, 1.0)
+        share = self._ordered(self.target_cov, population, answers).share.tolist()
+        return {number: each for number, each in enumerate(share) if number in outcomes}
 
 
 @dataclass(frozen=True)
@@ -211,16 +227,17 @@ class MonteCarlo(InOrder):
     """
 
     name: ClassVar[str] = "monte carlo"
+    method: ClassVar[str] = MONTE_CARLO
 
     def budget(self, samples: int) -> int:
         """That of the settings, or all samples."""
         return min(self.refined_runs or samples, samples)
 
-    def estimate(self, population: Population, answers: Answers) -> Estimate:
+    def untargeted(self, population: Population, answers: Answers) -> Estimate:
         """The share of the first samples that fails."""
         outcomes, lost = _first_answers(answers)
         if not outcomes:
-            return Estimate(0.0, (0.0, 1.0), np.inf, 0, "Monte Carlo", notes=("no refined run yet",))
+            return Estimate(0.0, (0.0, 1.0), np.inf, 0, MONTE_CARLO, notes=("no refined run yet",))
         return _open_to(lost, outcomes, monte_carlo(np.array(list(outcomes.values())), samples=population.size))
 
     def beside(self, population: Population, answers: Answers) -> list[Estimate]:
@@ -240,8 +257,22 @@ class ControlVariate(InOrder):
     """
 
     name: ClassVar[str] = "control variate"
+    method: ClassVar[str] = CONTROL_VARIATE
 
-    def estimate(self, population: Population, answers: Answers) -> Estimate:
+    def control(self, population: Population) -> Control:
+        """The logistic model of failure by the rough rank."""
+        rank = np.argsort(_order(population))
+        even = np.ones(population.size)
+        score = normal_scores(even)[rank]
+        centre = rough_centre(population.rough_displacement, even, population.failure_displacement)
+
+        def chance(outcome: np.ndarray) -> np.ndarray:
+            answered = np.flatnonzero(~np.isnan(outcome))
+            return predict_logistic(fit_logistic(score[answered], outcome[answered], centre), score, centre)
+
+        return chance
+
+    def untargeted(self, population: Population, answers: Answers) -> Estimate:
         """With the rough ranks as control; plain Monte Carlo of fewer than 10 runs."""
         outcomes, lost = _first_answers(answers)
         if len(outcomes) < 2 * FOLDS:
@@ -312,6 +343,11 @@ def _path(
 def _without_gap(answers: Answers) -> int:
     """How many samples have an answer or broke off, from number 0 on without a gap."""
     return next(number for number in range(len(answers) + 1) if number not in answers)
+
+
+def _outcomes(answers: Answers) -> np.ndarray:
+    """Of the samples from number 0 on without a gap, nan where one broke off (n,)."""
+    return np.array([answers[number] for number in range(_without_gap(answers))], float)
 
 
 def _first_answers(answers: Answers) -> tuple[dict[int, bool], int]:

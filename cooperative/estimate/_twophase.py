@@ -43,6 +43,7 @@ from cooperative.estimate._audit import (
     draw_variance,
     draw_wave,
     even_share,
+    guarded,
     model_variance,
     surprise,
     unseen,
@@ -243,9 +244,14 @@ def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Itera
         remaining = most - so_far.share.size
         floor = even_share(plan, waves, so_far.outcome, shared=shared is not None)
         size = min(plan.wave(so_far.share.size), remaining)
+        drawn_by = doubt
+        if plan.target_cov is not None and plan.proving and shared is None:
+            doubtful = guarded(waves, so_far.outcome, so_far.model)
+            drawn_by = weight * np.sqrt(doubtful * (1 - doubtful))
         wave = draw_wave(
-            generator, so_far.model, weight=weight, known=settled, size=size, floor=floor, doubt=doubt, order=of_samples
-        )
+            generator, so_far.model, weight=weight, known=settled, size=size, floor=floor, doubt=drawn_by,
+            order=of_samples,
+        )  # fmt: skip
         share = _wave_share(population, so_far, plan, wave, rest, remaining)
         wave = replace(wave, ranks=wave.ranks[: share.size], probability=wave.probability[: share.size])
         missing = wave.ranks[~there[wave.ranks]]
@@ -287,7 +293,8 @@ def _wave_share(
         audit = _audit(so_far, _groups(population, so_far))
         estimate = _scattered(population, so_far, plan, audit)
         expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
-        variance = draw_variance(wave, wave.model, so_far.weight)
+        model = guarded(so_far.waves, so_far.outcome, wave.model) if plan.proving else wave.model
+        variance = draw_variance(wave, model, so_far.weight)
         # Two waves at least.
         needed = min(needed_share(plan.target_cov, estimate, expected, audit.beyond, variance), 0.5 / plan.first_wave)
     return target_share(needed, rest, drawn=drawn, size=size, left=left)
@@ -301,7 +308,7 @@ def share_by_order(drawn: int, size: int) -> np.ndarray:
     return np.sqrt(np.arange(drawn + 1.0, drawn + size + 1.0))
 
 
-def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int) -> np.ndarray:
+def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int, even: bool = False) -> np.ndarray:
     """Shares of the draws of a wave of `size` (at most size,), of a mean of which `rest` is left to give.
 
     What the target does not need before the budget ends is shared out as without one. Draws that can carry all that is
@@ -313,8 +320,9 @@ def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int
         drawn: draws before.
         size: draws of the wave.
         left: draws that the budget still allows.
+        even: whether later draws are worth no more than earlier ones.
     """
-    order = share_by_order(drawn, left)
+    order = np.ones(left) if even else share_by_order(drawn, left)
     share = np.maximum(rest * order[:size] / order.sum(), needed)
     enough = int(np.searchsorted(np.cumsum(share), rest)) + 1
     if enough <= size or size == left:
@@ -421,6 +429,9 @@ def _scattered(
         # The scatter of few draws is combined with what the model expects of them.
         draws, expected = replay.share.size, model_variance(replay.waves, replay.share, model=model, weight=weight)
         variance = (draws * variance + PRIOR_DRAWS * expected) / (draws + PRIOR_DRAWS)
+        if plan.target_cov is not None and plan.proving:
+            doubtful = guarded(replay.waves, replay.outcome, model)
+            variance += model_variance(replay.waves, replay.share, model=doubtful, weight=weight) - expected
     hidden = None
     if plan.proving:
         hidden = unseen(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
