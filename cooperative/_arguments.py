@@ -173,6 +173,15 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
     moving = added["seepage"]
     moving.add_argument("--sample", type=int, help="a sample's soil instead of the median, for the factor of safety")
     moving.add_argument("--flow", action="store_true", help="the flow alone, without factors of safety")
+    moving.add_argument(
+        "--probability",
+        action="store_true",
+        help="run the scene's samples too: the probability of failure by each time",
+    )
+    moving.add_argument(
+        "--refined-runs", type=int, metavar="SAMPLES", help="samples that run refined too (a fifth of them; 0 for none)"
+    )
+    moving.add_argument("--workers", type=int, help="samples to run at a time (one on each core)")
     moving.add_argument("--out", type=Path, help="folder for its files (SCENE-seepage)")
     fos = added["fos"]
     fos.add_argument("--k-h", type=float, help="horizontal acceleration over gravity, towards the toe (the scene's)")

@@ -239,13 +239,25 @@ def fos(args: argparse.Namespace) -> None:
 
 def seepage(args: argparse.Namespace) -> None:
     """Answer `jaxmpm seepage`."""
+    from cooperative import runs
+    from cooperative.tools.in_time import lines as lines_in_time
+    from cooperative.tools.in_time import probability_in_time, write_in_time
     from cooperative.tools.seepage import lines, wetted, write_wetted
     from jaxmpm.support.files import not_linked
 
     campaign = read_campaigns(args)[0]
     folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-seepage"))
     result = wetted(campaign, factors=not args.flow, sample=args.sample)
-    print(*map(printable, lines(result)), *write_wetted(result, folder), sep="\n")
+    print(*map(printable, lines(result)), *write_wetted(result, folder), sep="\n", flush=True)
+    if not args.probability:
+        return
+    with runs.stop_by_signals(ends_process=True):
+        answer = probability_in_time(
+            campaign, folder, refined_runs=args.refined_runs,
+            workers=default_workers() if args.workers is None else args.workers,
+            progress=lambda line: print(line, file=sys.stderr, flush=True),
+        )  # fmt: skip
+    print(*map(printable, lines_in_time(answer)), *write_in_time(answer, folder), sep="\n")
 
 
 def doctor(args: argparse.Namespace) -> None:
@@ -298,7 +310,7 @@ LIBRARIES = {
     },
 }
 """Modules by command, whose loading takes seconds; commands without any need neither JAX nor NumPy."""
-RESUMABLE = ("run", "resume", "sweep")
+RESUMABLE = ("run", "resume", "seepage", "sweep")
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from cooperative.estimate._fits import (
     severity_ranking,
 )
 from cooperative.estimate._formulas import as_answers, control_variate, monte_carlo, published
+from cooperative.estimate._in_time import Bracket, critical_factor, first_guess, in_time, record_lows
 from cooperative.estimate._logistic import prior_chances
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
 from cooperative.estimate._nested import draw_samples
@@ -53,6 +54,7 @@ __all__ = [
     "Answers",
     "AuditPlan",
     "Audited",
+    "Bracket",
     "Chances",
     "ControlVariate",
     "Correlation",
@@ -82,11 +84,14 @@ __all__ = [
     "chance_of",
     "control_variate",
     "correlation",
+    "critical_factor",
     "draw_samples",
     "effective_size",
     "exact_limit",
     "exceedance",
+    "first_guess",
     "fit_distributions",
+    "in_time",
     "mean_interval",
     "mean_of",
     "monte_carlo",
@@ -96,6 +101,7 @@ __all__ = [
     "prior_chances",
     "published",
     "rank_samples",
+    "record_lows",
     "sample_weights",
     "severity_ranking",
     "shares",

@@ -1,6 +1,6 @@
 """The factor of safety of a campaign's slope at once: limit equilibrium beside the solver's limit load."""
 
-from cooperative.tools.safety._factor import Safety, factor_of_safety
+from cooperative.tools.safety._factor import Safety, factor_of_safety, sample_strength, slices_at_rest
 from cooperative.tools.safety._pictures import draw_safety, write_safety
 from cooperative.tools.safety._rank import rank_by_slices
 from cooperative.tools.safety._search import Critical, critical_surface
@@ -21,6 +21,8 @@ __all__ = [
     "lines_of_solver",
     "progress_line",
     "rank_by_slices",
+    "sample_strength",
+    "slices_at_rest",
     "write_safety",
     "zones",
 ]

@@ -245,6 +245,28 @@ def slices_of_sample(model: GridModel, coefficients: np.ndarray | None) -> Slice
     return _sliced(model.campaign, *_of_particles(model, coefficients))
 
 
+def slices_at_rest(campaign: Campaign) -> Slices:
+    """The section of a campaign whose ground rests under the pressure of a time, with the strength of its soil's means.
+
+    Args:
+        campaign: as of `cooperative.scene.rested`.
+
+    Raises:
+        ValueError: limit equilibrium does not apply to its ground or its soil.
+    """
+    return _sliced(campaign, campaign.site.soils(campaign.soil), None, None)
+
+
+def sample_strength(model: GridModel, coefficients: np.ndarray) -> Strength:
+    """The strength of a sample at the bases of slices.
+
+    Args:
+        model: of a grid.
+        coefficients: of the sample (modes,).
+    """
+    return _strength(model, _with_soil(model, coefficients))
+
+
 def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | None:
     """Layers, water and strength of a campaign's median soil, which its numbers and trends give without a grid.
 

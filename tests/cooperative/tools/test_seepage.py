@@ -46,7 +46,7 @@ def test_its_files_say_the_same(result, tmp_path):
 def test_the_command_has_factors_and_refuses_a_scene_whose_water_rests(tmp_path, capsys):
     path = tmp_path / "storm.toml"
     path.write_text(scene(at_rest_at(1.0), ""))
-    args = {"scene": path, "allow_outside": False, "out": None, "sample": None, "flow": False}
+    args = {"scene": path, "allow_outside": False, "out": None, "sample": None, "flow": False, "probability": False}
     COMMANDS["seepage"](SimpleNamespace(**args))
     said = capsys.readouterr().out
     assert said.count("factor of safety  1.") == 2

@@ -1,0 +1,71 @@
+"""First failures by bisection, and the probability of failure against time from common samples."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cooperative.estimate import Bracket, critical_factor, first_guess, in_time, record_lows, wilson_interval
+
+
+@given(count=st.integers(1, 15), data=st.data())
+def test_bisection_finds_the_first_failure_whatever_is_guessed(count, data):
+    truth, guess = data.draw(st.integers(0, count)), data.draw(st.integers(0, count))
+    bracket = Bracket.of(count)
+    asked = []
+    while (at := bracket.next(guess)) is not None:
+        assert at not in asked
+        asked.append(at)
+        bracket = bracket.told(at, at >= truth)
+    assert bracket.fails == truth
+    assert len(asked) <= 3 + np.ceil(np.log2(count + 1))
+    if guess == truth:
+        assert len(asked) <= 2
+
+
+def test_a_run_that_broke_off_ends_the_search():
+    bracket = Bracket.of(5).told(4, True).told(3, None)
+    assert bracket.known
+    assert bracket.lost
+
+
+def test_only_a_new_low_can_be_a_first_failure():
+    factors = np.array([1.3, 1.1, 1.2, 1.0999, 0.9, 1.4])
+    assert record_lows(factors) == [0, 1, 4]
+    assert first_guess(factors, [0, 1, 4]) == 2
+    assert first_guess(factors + 1, [0, 1, 4]) == 3
+    assert record_lows(np.full(3, np.nan)) == [0, 1, 2]
+
+
+def test_the_critical_factor_parts_failures_from_what_stands():
+    assert critical_factor([], []) == 1.0
+    assert 1.1 < critical_factor([0.9, 1.1, 1.2, 1.4], [True, True, False, False]) < 1.2
+    assert critical_factor([0.8, 1.3], [True, False]) == 1.0  # any in between: the nearest to 1
+    assert critical_factor([0.8, 0.9], [False, False]) <= 0.8
+    assert critical_factor([1.2, 1.3], [True, True]) > 1.3
+
+
+def test_all_samples_are_counted_at_each_time():
+    first = np.tile([0, 0, 1, 2, 3, 3, 3, -1], 10)  # three times; 3 is never, -1 broke off
+    estimates = in_time(first, None, None, 3)
+    assert [each.probability for each in estimates] == [2 / 7, 3 / 7, 4 / 7]
+    assert estimates[1].interval == pytest.approx(wilson_interval(30, 70))
+
+
+def test_refined_runs_correct_the_rough_ones():
+    """The rough grid has every fifth failure wrong; over many draws the estimate has the refined share."""
+    rng = np.random.default_rng(4)
+    found, truth = [], []
+    for _ in range(40):
+        strength = rng.standard_normal(400)
+        refined = np.searchsorted([-1.0, 0.0, 0.5], strength)
+        late = np.minimum(refined + (rng.random(400) < 0.2), 3)
+        some = {n: int(refined[n]) for n in range(120)}
+        factors = 1 + 0.2 * strength[:, None] - 0.05 * np.arange(3)
+        found.append([each.probability for each in in_time(late, some, factors, 3)])
+        truth.append([(refined <= at).mean() for at in range(3)])
+    # The mean of 40 estimates of 120 runs each; without the correction the middle one would be off by 0.07.
+    np.testing.assert_allclose(np.mean(found, axis=0), np.mean(truth, axis=0), atol=0.015)
+    everything = {n: int(refined[n]) for n in range(400)}
+    exact = in_time(late, everything, None, 3)
+    assert [each.probability for each in exact] == pytest.approx(truth[-1])

@@ -1,0 +1,145 @@
+"""The probability of failure against time: which runs it asks for, what it keeps, and what it writes."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cooperative import runs
+from cooperative.scene import Rain, parse
+from cooperative.tools.in_time import _answer, lines, probability_in_time, write_in_time
+from tests.cooperative.scene.test_moving_water import LEVEL, scene
+
+HOURS = (0.0, 3600.0, 7200.0, 10800.0)
+
+
+def rising(samples=30):
+    """A scene whose heads rise for two hours and fall again, of samples whose cohesion varies much."""
+    heads = {0.0: 0.0, 3600.0: 1.5, 7200.0: 3.0, 10800.0: 1.0}
+    rows = [[x, z, t, 1.0 + heads[t] * (1 - x / 22)] for t in HOURS for x in (0.0, 22.0) for z in (0.0, 8.0)]
+    campaign = replace(parse(scene("", LEVEL).replace("cov = 0.3", "cov = 0.5")), rain=Rain(HOURS, pressure=rows))
+    return replace(campaign, plan=replace(campaign.plan, samples=samples))
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Runs that fail where slices have a factor below 1.16 on the rough grid and 1.13 on the refined."""
+    record = []
+
+    def ask(runner, grid, at, numbers):
+        factors = np.minimum.accumulate(runner.kept.factors, axis=1)
+        for number in numbers:
+            record.append((grid, at, number))
+            yield number, bool(factors[number, at] < {"rough": 1.16, "refined": 1.13}[grid])
+
+    monkeypatch.setattr(_answer._Runner, "ask", ask)
+    return record
+
+
+@pytest.fixture
+def screened(monkeypatch):
+    """Factors of slices, which take seconds."""
+
+    def factors(runner, progress):
+        strength = np.random.default_rng(1).normal(1.2, 0.1, (runner.campaign.plan.samples, 1))
+        runner.kept.factors = strength - np.array([0.0, 0.05, 0.1, 0.08])
+        return runner.kept.factors
+
+    monkeypatch.setattr(_answer, "_factors", factors)
+
+
+@pytest.mark.usefixtures("screened")
+def test_first_failures_are_those_of_all_runs_at_all_times(asked, tmp_path):
+    campaign = rising()
+    said = []
+    result = probability_in_time(campaign, tmp_path, refined_runs=20, progress=said.append)
+    lows = np.minimum.accumulate(result.factors, axis=1)
+    for grid, critical, found in (
+        ("rough", 1.16, result.rough),
+        ("refined", 1.13, np.array([result.refined[n] for n in range(20)])),
+    ):
+        fails = lows[: len(found)] < critical
+        wanted = np.where(fails.any(axis=1), fails.argmax(axis=1), len(HOURS))
+        np.testing.assert_array_equal(found, wanted)
+        assert 0 < (found < len(HOURS)).mean() < 1, grid
+    # After the peak no factor is lower than before, so that no run is asked for there.
+    assert 3 not in {at for _, at, _ in asked}
+    assert result.runs == {
+        "rough": len([each for each in asked if each[0] == "rough"]),
+        "refined": len(asked) - result.runs["rough"],
+    }
+    assert result.runs["rough"] < 2.2 * 30
+    chances = [each.probability for each in result.estimates]
+    assert chances[0] < chances[2] == chances[3]
+    for each in result.estimates:
+        assert each.interval[0] <= each.probability <= each.interval[1]
+    assert "of 30 under way" in "\n".join(said)
+
+    # The same call runs nothing again, and gives the same.
+    before = len(asked)
+    again = probability_in_time(campaign, tmp_path, refined_runs=20)
+    assert len(asked) == before
+    np.testing.assert_array_equal(again.rough, result.rough)
+
+    names = [path.name for path in write_in_time(result, tmp_path)]
+    assert names == ["probability.png", "probability.csv", "first_failures.csv", "probability.json"]
+    with (tmp_path / "probability.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["P_f"]) for row in rows] == pytest.approx(chances)
+    assert json.loads((tmp_path / "probability.json").read_text())["runs"] == result.runs
+    with (tmp_path / "first_failures.csv").open() as file:
+        first = [row["first failure, rough [s]"] for row in csv.DictReader(file)]
+    assert first == ["none" if at == len(HOURS) else str(HOURS[at]) for at in result.rough]
+    assert f"{chances[2]:6.3f}" in "\n".join(lines(result))
+
+
+@pytest.mark.usefixtures("screened")
+def test_the_rough_grid_alone_is_plain_monte_carlo(asked, tmp_path):
+    result = probability_in_time(rising(), tmp_path, refined_runs=0)
+    assert {grid for grid, _, _ in asked} == {"rough"}
+    shares = [(result.rough <= at).mean() for at in range(len(HOURS))]
+    assert [each.probability for each in result.estimates] == pytest.approx(shares)
+
+
+@pytest.mark.usefixtures("asked", "screened")
+def test_a_folder_of_another_scene_and_damage_are_refused(tmp_path):
+    probability_in_time(rising(12), tmp_path, refined_runs=0)
+    with pytest.raises(ValueError, match="of another scene"):
+        probability_in_time(rising(13), tmp_path, refined_runs=0)
+    (tmp_path / "answers.json").write_text('{"scene": "x", "answers": [["rough", 0, 0, "perhaps"]], "factors": null}')
+    with pytest.raises(ValueError, match="holds no answers"):
+        probability_in_time(rising(12), tmp_path, refined_runs=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda campaign: replace(campaign, rain=None), "no water moves"),
+        (lambda campaign: replace(campaign, plan=replace(campaign.plan, calibrate=True)), "calibrate"),
+    ],
+)
+def test_what_has_no_answer_in_time_is_refused(change, words, tmp_path):
+    with pytest.raises(ValueError, match=words):
+        probability_in_time(change(rising()), tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_fewer_refined_samples_than_an_estimate_takes_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="give 10 or more"):
+        probability_in_time(rising(), tmp_path, refined_runs=5)
+
+
+@pytest.mark.slow  # two searches for a critical surface
+def test_slices_screen_each_sample_with_its_own_strength(asked, tmp_path):
+    """A factor rises with the cohesion of its sample, and falls with the pressure of its time."""
+    campaign = rising(12)
+    result = probability_in_time(campaign, tmp_path, refined_runs=0)
+    assert np.isfinite(result.factors).all()
+    soil = runs.random_soil(campaign)
+    model = runs.build(campaign, "rough", soil, at_rest=False)
+    coefficients = runs.coefficients_of(campaign, soil)
+    cohesion = [float(np.mean(model.parameters(each)["cohesion"])) for each in coefficients]
+    assert np.corrcoef(cohesion, result.factors[:, 0])[0, 1] > 0.8
+    assert np.all(result.factors[:, 2] < result.factors[:, 0])
