@@ -1,7 +1,10 @@
 """Random fields of soil properties by Kronecker-factored Karhunen-Loeve expansion.
 
-Figures are in `kl.plots`, which has to be imported by its name.
+Figures are in `kl.plots`, conversion from and to GSTools in `kl.gstools`; both are loaded when first named.
 """
+
+from importlib import import_module
+from types import ModuleType
 
 from kl import axis, estimation, field, marginal, soil
 from kl.axis import (
@@ -69,3 +72,17 @@ __all__ = [
     "with_covariance",
     "with_trend",
 ]
+
+_WHEN_NAMED = ("gstools", "plots")
+"""Modules that load packages which fields alone do without."""
+
+
+def __getattr__(name: str) -> ModuleType:
+    """The modules of figures and of GSTools."""
+    if name in _WHEN_NAMED:
+        return import_module(f"kl.{name}")
+    raise AttributeError(f"module 'kl' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_WHEN_NAMED})

@@ -20,11 +20,12 @@ from kl.axis._covariance import (
 )
 from kl.axis._fredholm import all_axis_modes
 from kl.axis._matrices import haar_transform
-from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes, leading, scaled_functions
+from kl.axis._modes import AveragedModes, AxisModes, CellModes, LegendreModes, SineModes, leading, scaled_functions
 from kl.axis._resolution import check_resolves, resolved
 from kl.axis._solvers import ClosedForm, Constant, Haar, Legendre, Nystrom, Solver
 
 __all__ = [
+    "AveragedModes",
     "AxisModes",
     "CellModes",
     "ClosedForm",

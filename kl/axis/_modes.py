@@ -79,7 +79,38 @@ class SineModes:
     extent: float = field(metadata={"static": True})
 
 
-AxisModes = LegendreModes | CellModes | SineModes
+@pytree
+@dataclass(frozen=True)
+class AveragedModes:
+    """Averages of an axis' functions over an interval around each point, as far as it lies on the axis.
+
+    Args:
+        modes: of the axis.
+        size: length of the interval (m); static.
+    """
+
+    modes: LegendreModes | CellModes | SineModes
+    size: float = field(metadata={"static": True})
+
+    @property
+    def fractions(self) -> Array:
+        """Eigenvalues over the extent (n,), of the functions that are averaged."""
+        return self.modes.fractions
+
+    @property
+    def origin(self) -> float:
+        """Start of the axis (m)."""
+        return self.modes.origin
+
+    @property
+    def extent(self) -> float:
+        """Its length (m)."""
+        return self.modes.extent
+
+
+AxisModes = LegendreModes | CellModes | SineModes | AveragedModes
+POINTS = 8
+"""Of Gauss-Legendre, over which functions are averaged."""
 
 
 def legendre(order: int, t: Array) -> Array:
@@ -112,6 +143,15 @@ def functions(modes: AxisModes, x: Array) -> Array:
         case SineModes():
             angle = modes.wavenumbers[:, None] * (t * (modes.extent / 2)) - modes.phases[:, None]
             return modes.amplitudes[:, None] * jnp.cos(angle)
+        case AveragedModes():
+            end = modes.origin + modes.extent
+            low, high = (jnp.clip(x + side * modes.size / 2, modes.origin, end) for side in (-1, 1))
+            at, weight = np.polynomial.legendre.leggauss(POINTS)
+            values = (
+                share / 2 * functions(modes.modes, (low + high) / 2 + (high - low) / 2 * place)
+                for place, share in zip(at.tolist(), weight.tolist(), strict=True)
+            )
+            return jnp.where(jnp.isfinite(t), sum(values, jnp.zeros(())), jnp.nan)
 
 
 def scaled_functions(modes: AxisModes, x: Array) -> Array:

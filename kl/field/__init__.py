@@ -1,9 +1,11 @@
 """Fields: products of the axes' modes, selected by energy, evaluated at any point, conditioned and saved."""
 
+from kl.field._averages import averaged
 from kl.field._bedding import Bedding, rotate
 from kl.field._conditioning import Conditioning, condition, condition_on, conditioned, kriging_variance, mode_matrix
 from kl.field._evaluation import field_at, field_on_lattice
 from kl.field._expansion import Expansion, expand, with_covariance
+from kl.field._isotropic import Waves, isotropic
 from kl.field._lattice import LatticeRoots, exact_field, exact_lattice
 from kl.field._truncation import (
     CapturedVariance,
@@ -20,6 +22,8 @@ __all__ = [
     "Conditioning",
     "Expansion",
     "LatticeRoots",
+    "Waves",
+    "averaged",
     "captured_variance",
     "condition",
     "condition_on",
@@ -29,6 +33,7 @@ __all__ = [
     "expand",
     "field_at",
     "field_on_lattice",
+    "isotropic",
     "kriging_variance",
     "mode_matrix",
     "rescaled",
