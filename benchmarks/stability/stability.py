@@ -32,7 +32,7 @@ from benchmarks.stability.stability_cfl import KERNELS, cfl_rows
 from benchmarks.stability.stability_flight import flight_rows
 from benchmarks.stability.stability_gap import gap_rows
 from benchmarks.stability.stability_rigid import sliding_rows, spinning_rows
-from cooperative.scene._soil import BAND
+from cooperative.scene._campaign import BAND
 from jaxmpm import diagnostics
 from jaxmpm.transfer import p2g
 

@@ -204,7 +204,7 @@ def _numerics(model: GridModel) -> str:
     if numerics.internal_length is not None:
         words += f", plastic strain averaged over {numerics.internal_length:.3g} m"
     thickness = getattr(soil, "softening_length", None)
-    return f"{words}, softening " + ("per cell" if thickness is None else f"of a band {thickness:g} m thick")
+    return f"{words}, softening " + ("per cell" if thickness in (None, "cell") else f"of a band {thickness:g} m thick")
 
 
 def rows_reader(

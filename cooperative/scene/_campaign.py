@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Self
 
@@ -42,7 +42,7 @@ from cooperative.scene.tables import (
     table,
 )
 from cooperative.store import Source
-from jaxmpm import BaseMotion, Discretisation, Exceeds, ground
+from jaxmpm import BaseMotion, Discretisation, Exceeds, FrictionalSoil, Soil, ground
 from jaxmpm.run import Rule, least_failing_volume
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered
@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
 APART = ("estimator", "coarse")
 """Parts of a campaign without which its samples run and its rows are read."""
+BAND = 1 / 5
+"""Thickness of the band to which softening refers, over the slope's height, where the soil gives none."""
 THICKNESSES = 3.0
 """Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
 
@@ -122,8 +124,13 @@ class Campaign(Part):
             values["ground"] = Site(site)
         if isinstance(measured, Measured) and measured.limit_load is not None:
             values["run"] = values.get("run", Run()).failing_at(measured.limit_load)
-        if is_dataclass(values.get("soil")) and random:
-            values["soil"] = _with_means(values["soil"], random)
+        if is_dataclass(values.get("soil")):
+            values["soil"] = _with_means(values["soil"], random or {})
+        if isinstance(site := values.get("ground"), Site) and not isinstance(site.shape, FromScript):
+            ground.check_ground(site.shape)
+            bands = partial(_with_band, height=site.height)
+            layers = (replace(each, layer=replace(each.layer, soil=bands(each.layer.soil))) for each in site.layers)
+            values |= {"ground": replace(site, layers=tuple(layers)), "soil": bands(values.get("soil"))}
         if values.get("exposed") and values.get("hazard") is None:
             values["hazard"] = Hazard()
         return values
@@ -132,7 +139,6 @@ class Campaign(Part):
     def _together(self) -> Self:
         """Check what goes together, but for a folder whose script is not here, and which was checked when it began."""
         if all(missing.what in APART for missing in self.missing):
-            ground.check_ground(self.site.shape)
             check_campaign(self)
         return self
 
@@ -291,6 +297,13 @@ def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:
     own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()
     missing = {name: varies.mean for name, varies in random.items() if name in own and getattr(soil, name) is None}
     return replace(soil, **missing) if missing else soil
+
+
+def _with_band(soil: Any, height: float) -> Any:
+    """Soil of the packages whose softening refers to a band of known thickness, also where it leaves that out."""
+    if isinstance(soil, Soil | FrictionalSoil) and soil.softens and soil.softening_length is None and height > 0:
+        return replace(soil, softening_length=BAND * height)
+    return soil
 
 
 def check_grids(campaign: Campaign) -> None:

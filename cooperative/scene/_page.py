@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,7 +31,18 @@ SEVERAL = tuple(
 def json_schema() -> dict[str, object]:
     """JSON schema (draft 2020-12) of a scene, in which a description gives unit and default in words too."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return {**head, **_plain(tables.schema_of(tables.Scene))}
+    schema = copy.deepcopy(tables.schema_of(tables.Scene))
+    known, of_layer = schema["$defs"], "RandomFieldOfLayer"
+    known[of_layer] = copy.deepcopy(known["RandomField"])
+    del known[of_layer]["properties"]["sampled_at"], known[of_layer]["required"], known["Layer"]["required"]
+    for key in known[of_layer]["properties"].values():
+        key.pop("default", None)
+        key["otherwise"] = "that of [soil]"
+    for name in known["Soil"]["properties"]:
+        key = json.loads(json.dumps(known["Layer"]["properties"][name]).replace("/RandomField", f"/{of_layer}"))
+        key.pop("default", None)
+        known["Layer"]["properties"][name] = key | {"otherwise": "that of [soil]"}
+    return {**head, **_plain(schema)}
 
 
 def _plain(schema: tables.Schema) -> dict[str, object]:

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
 
 import numpy as np
 
-from cooperative.scene.tables import ACCELERATIONS, LIMITS, Motion, RandomField
-from jaxmpm import Ground, ground
+from cooperative.scene._site import Site
+from cooperative.scene.tables import ACCELERATIONS, LIMITS, Motion, RandomField, Span
+from jaxmpm import Raster
 from jaxmpm.soil import STANDARD_GRAVITY, Plausible, unit_slip
-from jaxmpm.support.check import Gathered
+from jaxmpm.support.check import Gathered, Invalid, at
+
+Path = tuple[str | int, ...]
+"""Keys and positions that lead to a value of a scene."""
 
 ON_PURPOSE = "If it is meant as it is, give unusual = true in {}"
 """The remedy of a number that is unusual, with the table in which to declare it."""
 
 HIGHEST = 3000.0
 """Height (m) of a slope from its foot to its top that is plausible."""
+
+DEEPEST_POOL = 10.0
+"""Depth of water on the ground up to which it is plausible, over the height of the ground above its base."""
 
 ERROR = Plausible(most=3.0, above="it is a share of the field's deviation; were the parameter's units meant?")
 """Errors of measured values that are plausible."""
@@ -36,90 +44,123 @@ TRENDS = {
 """Trends with depth that are plausible, upwards or downwards."""
 
 
-def ask_of_field(where: str, name: str, field: RandomField, home: str) -> None:
-    """Check the numbers of a field.
+def fields_of(
+    values: Mapping[str, object], path: Callable[[str], Path], *, span: Span, downhill: int, home: str, unusual: bool
+) -> dict[str, RandomField]:
+    """What varies of the numbers of soil, or of a contact, by parameter.
 
     Args:
-        where: name of the parameter, for messages.
-        name: of the parameter.
-        field: that it is.
-        home: table in which its author declares that it is meant.
+        values: by parameter; those that are neither numbers nor fields are passed over.
+        path: of a parameter in the scene.
+        span: elevations of the ground (m).
+        downhill: direction along x in which the ground falls, 1 or -1.
+        home: table in which its author declares that unusual numbers are meant.
+        unusual: whether they are.
 
     Raises:
-        ValueError: a number betrays another unit, or lengths another order.
+        Invalid: a number betrays another unit, or values of a field leave the parameter's limits.
     """
-    gathered = Gathered()
+    gathered, random = Gathered(), {}
+    for name, value in values.items():
+        with gathered.of(), at(*path(name)):
+            if isinstance(value, RandomField):
+                random[name] = value.dipping(downhill)
+                if not unusual:
+                    _ask_of_field(name, random[name], home)
+                random[name].check(LIMITS[name], span)
+            elif isinstance(value, float) and not unusual:
+                ask(name, value, home=home)
+    gathered.raise_all()
+    return random
 
-    def asked(where: str, name: str, value: float, plausible: Plausible | None = None) -> None:
-        with gathered.of():
-            ask(where, name, value, plausible, home)
 
-    asked(f"{where} mean", name, field.mean)
-    asked(f"{where} cov", name, field.cov, COV)
-    asked(f"{where} borehole_error", name, field.borehole_error, ERROR)
-    if 0 < field.mean_error < LEAST_ERROR * abs(field.mean):
-        gathered.faults.append(
-            f"{where} mean_error = {field.mean_error:g}, less than a thousandth of the mean, {field.mean:g}: was "
-            f"another unit meant? {ON_PURPOSE.format(home)}"
-        )
+def _ask_of_field(name: str, field: RandomField, home: str) -> None:
+    """Raise what betrays another unit of the numbers of a field, or another order of its lengths."""
+    meant, gathered = ON_PURPOSE.format(home), Gathered()
+    asked = {"mean": (field.mean, None), "cov": (field.cov, COV), "borehole_error": (field.borehole_error, ERROR)}
     # Angles may well come down to a degree.
-    for end in ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper"):
-        asked(f"{where} {end}", name, getattr(field, end) or 0.0)
-    if field.trend is not None and name in TRENDS:
-        asked(f"{where} {'-' if field.trend < 0 else ''}trend", name, abs(field.trend), TRENDS[name])
+    ends = ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper")
+    asked |= {end: (getattr(field, end) or 0.0, None) for end in ends}
+    for key, (value, plausible) in asked.items():
+        with gathered.of(), at(key):
+            ask(name, value, plausible, home)
+    if slip := field.trend and name in TRENDS and unit_slip(name, abs(field.trend), TRENDS[name]):
+        sign = "-" if field.trend < 0 else ""
+        gathered.faults.append(Invalid(("trend",), f"{sign}{slip.value}", "", f"{slip.remedy} {meant}"))
+    if 0 < field.mean_error < LEAST_ERROR * abs(field.mean):
+        rare = f"{field.mean_error:g}, less than a thousandth of the mean, {field.mean:g}"
+        gathered.faults.append(Invalid(("mean_error",), rare, "", f"was another unit meant? {meant}"))
     slips = [slip for row in field.boreholes or () if (slip := unit_slip(name, row[-1]))]
     if slips:
         more = f"as are {len(slips) - 1} more values. " if slips[1:] else ""
-        gathered.faults.append(f"{where} boreholes, value = {slips[0]} {more}{ON_PURPOSE.format(home)}")
+        gathered.faults.append(Invalid(("boreholes",), slips[0].value, "", f"{slips[0].remedy} {more}{meant}"))
     *along, upwards = field.length
     if along and field.bedding is None and max(along) < upwards < math.inf:
-        gathered.faults.append(
-            f"{where} length = {list(field.length)}: it correlates over {upwards:g} m upwards and {max(along):g} m "
-            "along the ground, while deposits vary faster upwards; the order is x, y, z, in a section x, z. "
-            + ON_PURPOSE.format(home)
+        remedy = (
+            f"it correlates over {upwards:g} m upwards and {max(along):g} m along the ground, while deposits vary "
+            f"faster upwards; the order is x, y, z, in a section x, z. {meant}"
         )
+        gathered.faults.append(Invalid(("length",), f"{list(field.length)}", "", remedy))
     gathered.raise_all()
 
 
-def ask(where: str, name: str, value: float, plausible: Plausible | None = None, home: str = "[soil]") -> None:
+def ask(name: str, value: float, plausible: Plausible | None = None, home: str = "[soil]") -> None:
     """Check a number of the soil.
 
     Args:
-        where: name of the number, for messages.
         name: of the parameter.
         value: in its unit.
         plausible: range, None for that of the parameter.
         home: table in which its author declares that it is meant.
 
     Raises:
-        ValueError: it betrays another unit, see `jaxmpm.soil.unit_slip`.
+        Invalid: it betrays another unit, see `jaxmpm.soil.unit_slip`.
     """
     if slip := unit_slip(name, value, plausible):
-        raise ValueError(f"{where} = {slip} {ON_PURPOSE.format(home)}")
+        raise Invalid((), slip.value, "", f"{slip.remedy} {ON_PURPOSE.format(home)}")
 
 
-def ask_of_ground(where: str, shape: Ground, displacement: float) -> None:
-    """Check the heights of the ground, and the failure displacement beside its length.
+def ask_of_ground(where: str, site: Site, displacement: float) -> None:
+    """Check the heights of the ground and of its water, and the failure displacement beside its length.
 
     Args:
         where: table of the scene that gives it.
-        shape: of the ground.
+        site: the ground.
         displacement: of a failure (m).
 
     Raises:
-        ValueError: they betray another unit.
+        Invalid: they betray another unit.
     """
-    if displacement > (longest := max(shape.extent)):
-        raise ValueError(
-            f"[run] failure_displacement = {displacement:g} m, while the ground is {longest:g} m long: were mm or cm "
-            f"meant? {ON_PURPOSE.format('[soil]')}"
-        )
-    relief, (base, edge) = ground.relief(shape), (shape.corner[-1], shape.extent[-1])
-    if relief > HIGHEST:
-        raise ValueError(
-            f"[{where}] has heights z up to {base + edge:g} m and a slope {relief:g} m high, above {HIGHEST:g} m: were "
-            f"mm or cm meant? {ON_PURPOSE.format('[soil]')}"
-        )
+    meant = ON_PURPOSE.format("[soil]")
+    if displacement > (longest := max(site.shape.extent)):
+        raise Invalid(
+            ("run", "failure_displacement"), f"{displacement:g} m, while the ground is {longest:g} m long", "",
+            f"were mm or cm meant? {meant}",
+        )  # fmt: skip
+    base, top = site.span
+    if site.height > HIGHEST:
+        raise Invalid(
+            (where,), None, f"has heights z up to {top:g} m and a slope {site.height:g} m high, above {HIGHEST:g} m",
+            f"were mm or cm meant? {meant}",
+        )  # fmt: skip
+    if site.water is None or (water := site.water_table) is None:
+        return
+    path = ("water", next(key.name for key in fields(site.water) if getattr(site.water, key.name) is not None))
+    heights = water.heights if isinstance(water, Raster) else np.atleast_2d(water)[:, -1]
+    low, high = np.nanmin(heights, initial=math.inf), np.nanmax(heights, initial=-math.inf)
+    if math.isfinite(low) and low - top > DEEPEST_POOL * (top - base):
+        raise Invalid(
+            path, None,
+            f"stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} times "
+            f"its height of {top - base:g} m",
+            f"were cm or mm meant, or heights from another zero? {meant}",
+        )  # fmt: skip
+    if math.isfinite(high) and high < base:
+        raise Invalid(
+            path, None,
+            f"lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing",
+            f"leave [water] out, or give heights from the same zero as those of the ground. {meant}",
+        )  # fmt: skip
 
 
 WEAKEST, STRONGEST = 0.3, 30.0
@@ -133,13 +174,14 @@ def ask_of_record(motion: Motion) -> None:
         motion: of the base.
 
     Raises:
-        ValueError: it betrays another unit.
+        Invalid: it betrays another unit.
     """
     peak = float(np.abs(motion.acceleration).max())
     if 0 < peak < WEAKEST or peak > STRONGEST:
         name = next(name for name, factor in ACCELERATIONS.items() if factor == motion.record_unit)
-        raise ValueError(
-            f"[motion] record reaches {peak:.3g} m/s2 by record_unit = {name!r}, {peak / STANDARD_GRAVITY:.2g} times "
-            f"gravity, and {WEAKEST:g} to {STRONGEST:g} m/s2 are usual: was another unit meant? "
-            + ON_PURPOSE.format("[soil]")
-        )
+        raise Invalid(
+            ("motion", "record"), None,
+            f"reaches {peak:.3g} m/s2 by record_unit = {name!r}, {peak / STANDARD_GRAVITY:.2g} times gravity, and "
+            f"{WEAKEST:g} to {STRONGEST:g} m/s2 are usual",
+            f"was another unit meant? {ON_PURPOSE.format('[soil]')}",
+        )  # fmt: skip

@@ -10,8 +10,8 @@ import numpy as np
 
 from cooperative.measure import Track
 from jaxmpm import Raster, Terrain
+from jaxmpm.support.check import Invalid, at
 
-RUN_OUT_LINE = "[terrain] run_out_line"
 CLEARLY = 2.0
 """Factor between the distances of coordinates from an origin and from 0 that shows from which they are counted."""
 FARTHEST = 1e5
@@ -65,11 +65,12 @@ def ask_for_origin(surface: Raster) -> None:
     """
     origin = national_origin(surface)
     if origin is not None:
-        raise ValueError(
-            f"[terrain] surface begins at x = {surface.ends[0][0]:.10g} m and y = {surface.ends[1][0]:.10g} m, in a "
-            f"national grid: add origin = {list(origin)}, which is subtracted from it and from other files; walls and "
-            f"other numbers of the scene are then counted from it"
-        )
+        raise Invalid(
+            ("surface",), None,
+            f"begins at x = {surface.ends[0][0]:.10g} m and y = {surface.ends[1][0]:.10g} m, in a national grid",
+            f"add origin = {list(origin)}, which is subtracted from it and from other files; walls and other numbers "
+            "of the scene are then counted from it",
+        )  # fmt: skip
 
 
 def ask_for_origin_of_section(surface: Sequence[Sequence[float]]) -> None:
@@ -80,10 +81,11 @@ def ask_for_origin_of_section(surface: Sequence[Sequence[float]]) -> None:
     """
     start = surface[0][0]
     if max(abs(start), abs(surface[-1][0])) > FARTHEST:
-        raise ValueError(
-            f"[ground] surface begins at x = {start:.10g} m, in a national grid: add origin = "
-            f"{floor(start / 100) * 100:.1f}, which is subtracted from x of files, and count all other x from it"
-        )
+        raise Invalid(
+            ("surface",), None, f"begins at x = {start:.10g} m, in a national grid",
+            f"add origin = {floor(start / 100) * 100:.1f}, which is subtracted from x of files, and count all other x "
+            "from it",
+        )  # fmt: skip
 
 
 def between_cells(ends: tuple[float, float], cells: Sequence[float]) -> tuple[float, float]:
@@ -112,16 +114,16 @@ def track_of(points: Sequence[Sequence[float]], shape: Terrain) -> Track | None:
     """
     if not points:
         return None
-    for number, point in enumerate(points, 1):
-        if len(point) != 2:
-            raise ValueError(f"{RUN_OUT_LINE}: point {number} is {list(point)}: give [x, y] in metres")
-        for axis, at, (low, high) in zip("xy", point, shape.walls, strict=True):
-            if not low <= at <= high:
-                raise ValueError(
-                    f"{RUN_OUT_LINE}: point {number} has {axis} = {at:g} m, outside the ground, which reaches from "
-                    f"{low:g} to {high:g} m: move it, it goes on straight beyond its ends"
-                )
-    try:
+    with at("run_out_line"):
+        for number, point in enumerate(points, 1):
+            if len(point) != 2:
+                raise Invalid((), None, f"has a point {number} = {list(point)}", "give [x, y] in metres")
+            for axis, x, (low, high) in zip("xy", point, shape.walls, strict=True):
+                if not low <= x <= high:
+                    raise Invalid(
+                        (), None,
+                        f"has a point {number} at {axis} = {x:g} m, outside the ground, which reaches from {low:g} to "
+                        f"{high:g} m",
+                        "move it, it goes on straight beyond its ends",
+                    )  # fmt: skip
         return Track(tuple((x, y) for x, y in points))
-    except ValueError as error:
-        raise ValueError(f"{RUN_OUT_LINE}: {error}") from error

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import cast
-
-import numpy as np
 
 from cooperative.estimate import SETTINGS, Estimator
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign, check_grids
-from cooperative.scene._contact import fields_of, interface_of, on_ground
+from cooperative.scene._contact import on_ground
 from cooperative.scene._files import Files
-from cooperative.scene._plausible import ON_PURPOSE, ask_of_ground, ask_of_record
+from cooperative.scene._plausible import ask_of_ground, ask_of_record, fields_of
 from cooperative.scene._region import ask_for_origin, ask_for_origin_of_section, between_cells, track_of
 from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
 from cooperative.scene._varied import variants_of
-from cooperative.store import Source, table_of
+from cooperative.store import Source, table_of, tables_of
 from jaxmpm import (
     Raster,
     Scene,
@@ -28,15 +26,13 @@ from jaxmpm import (
     State,
     Terrain,
 )
-from jaxmpm.support.check import Gathered
+from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.table import decoded
 from jaxmpm.support.text import short, shown
 
 LARGEST = 1_000_000
 """Bytes of a scene file at most; a scene has a few thousand."""
 Points = tuple[tuple[float, float], ...]
-DEEPEST_POOL = 10.0
-"""Depth of water on the ground up to which it is plausible, over the height of the ground above its base."""
 
 
 def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Campaign:
@@ -58,16 +54,22 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if scene.sweep is not None or scene.scenario is not None:
         table = "[[scenario]]" if scene.sweep is None else "[sweep]"
         raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it by `jaxmpm sweep`")
+    with tables.in_words(tables.Scene, source.tables):
+        return _campaign(scene, source, estimator)
+
+
+def _campaign(scene: tables.Scene, source: Source, estimator: Estimator | None) -> Campaign:
+    """The campaign of a scene, whose estimator that of a script replaces."""
     given = _given(scene, table_of(source.tables, "campaign"), estimator)
     if given is not None and scene.estimator is None:
         source = replace(source, beside={**source.beside, "estimator": {"given": given}})
-    ground, gathered = _site(scene), Gathered()
+    where, table = next((name, table) for name in tables.SITES if (table := getattr(scene, name)) is not None)
+    with at(where):
+        ground = _site(scene, table)
+    gathered = Gathered()
     if not scene.unusual:
-        where = next(name for name in tables.SITES if getattr(scene, name) is not None)
         with gathered.of():
-            ask_of_ground(where, ground.shape, scene.run.failure_displacement)
-        with gathered.of():
-            _ask_of_water(ground)
+            ask_of_ground(where, ground, scene.run.failure_displacement)
     with gathered.of():
         check_limit_load(scene.run, table_of(source.tables, "run"), scene.limit_load)
     if "modes" in table_of(source.tables, "campaign"):
@@ -76,23 +78,24 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     if scene.motion is not None and not scene.unusual:
         with gathered.of():
             ask_of_record(scene.motion)
-    downhill = getattr(ground.shape, "downhill", 1)
     with gathered.of():
-        whole, through, layers = soils_of(scene, height=ground.height, span=ground.span, downhill=downhill)
+        whole, random, layers = soils_of(scene, tables_of(source.tables, "layer"), ground)
     gathered.raise_all()
     site = replace(ground, layers=layers)
-    soil, drawn = site.representative(whole), scene.ground or scene.terrain
-    contact = None if drawn is None else interface_of(drawn)
-    of_contact = fields_of(
-        "terrain" if scene.ground is None else "ground", contact, downhill, ground.span, unusual=scene.unusual
-    )
-    random = site.all_random({**through, **of_contact})
-    site = on_ground(site, contact, soil)
+    soil = site.representative(whole)
+    if (contact := None if isinstance(table, tables.Slope) else table.contact) is not None:
+        of_contact = fields_of(
+            vars(contact), lambda name: (where, "interface", name), span=ground.span,
+            downhill=getattr(ground.shape, "downhill", 1), home="[soil]", unusual=scene.unusual,
+        )  # fmt: skip
+        random = {**random, **{f"interface_{name}": field for name, field in of_contact.items()}}
+        with at(where, "interface"):
+            site = on_ground(site, contact, soil)
     campaign = Campaign(
         name=scene.name,
         ground=site,
         soil=soil,
-        random=random,
+        random=site.all_random(random),
         cross_correlation=scene.cross_correlation,
         coarse=scene.coarse,
         rough=scene.rough,
@@ -232,68 +235,24 @@ def rested(campaign: Campaign, time: float | None = None) -> Campaign:
     return at_time(campaign, time)
 
 
-def _site(scene: tables.Scene) -> Site:
-    """The ground of a scene, without its layers; ValueError for values and lines that will not do."""
-    if scene.slope is not None:
-        values = dict(scene.slope)
-        ends = values.pop("y_ends")
-        return Site(Slope(**values), ends)
-    if scene.ground is not None:
-        return _section(scene, scene.ground)
-    assert scene.terrain is not None  # a scene has one ground
-    return _terrain(scene, scene.terrain)
-
-
-def _section(scene: tables.Scene, table: tables.Ground) -> Site:
-    values = dict(table)
-    ends, origin = values.pop("ends"), values.pop("origin")
-    ask_for_origin_of_section(table.surface)
-    shape = Section(**{**values, "interface": None})
-    try:
-        shape.check()
-    except ValueError as error:
-        raise ValueError(f"[ground] {error}") from error
-    return Site(shape, ends, (), scene.water, origin=(origin or 0.0, 0.0))
-
-
-def _terrain(scene: tables.Scene, table: tables.Terrain) -> Site:
-    if table.cut == "free" and table.polygon is None:
-        raise ValueError("[terrain] cut = 'free' has no effect without polygon: depth is always fixed, so leave it out")
+def _site(scene: tables.Scene, table: tables.Slope | tables.Ground | tables.Terrain) -> Site:
+    """The ground of a scene, without its layers and its interface; ValueError for lines that will not do."""
+    if isinstance(table, tables.Slope):
+        return Site(tables.made(Slope, table), table.y_ends)
+    if isinstance(table, tables.Ground):
+        ask_for_origin_of_section(table.surface)
+        section = tables.made(Section, table, interface=None)
+        section.check()
+        return Site(section, table.ends, water=scene.water, origin=(table.origin or 0.0, 0.0))
     surface = cast(Raster, table.surface)
     cells = tuple(grid.cell for grid in (scene.coarse, scene.rough, scene.refined) if grid is not None)
     if table.origin is None:
         ask_for_origin(surface)
-    x, y = (given or between_cells(ends, cells) for given, ends in zip((table.x, table.y), surface.ends, strict=True))
-    shape = Terrain(
-        surface, table.base, x, y, polygon=cast(Points | None, table.polygon), depth=table.depth, cut=table.cut,
-        bedrock=cast(Raster | None, table.bedrock),
-    )  # fmt: skip
-    shape.check()
-    track = track_of(cast(Points, table.run_out_line or ()), shape)
-    return Site(shape, table.ends, (), scene.water, track, table.origin or (0.0, 0.0))
-
-
-def _ask_of_water(site: Site) -> None:
-    """Raise ValueError for water that stands wildly above the ground, or below its base everywhere."""
-    if (water := site.water_table) is None:
-        return
-    where = next(f"[water] {key.name}" for key in fields(tables.Water) if getattr(site.water, key.name) is not None)
-    heights = water.heights if isinstance(water, Raster) else np.atleast_2d(water)[:, -1]
-    heights, (base, top) = heights[np.isfinite(heights)], site.span
-    if not heights.size:
-        return
-    low, high, height = float(heights.min()), float(heights.max()), top - base
-    remedy = ON_PURPOSE.format("[soil]")
-    if low - top > DEEPEST_POOL * height:
-        raise ValueError(
-            f"{where} stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} "
-            f"times its height of {height:g} m: were cm or mm meant, or heights from another zero? {remedy}"
-        )
-    if high < base:
-        raise ValueError(
-            f"{where} lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing: leave "
-            f"[water] out, or give heights from the same zero as those of the ground. {remedy}"
-        )
+    x, y = (walls or between_cells(ends, cells) for walls, ends in zip((table.x, table.y), surface.ends, strict=True))
+    terrain = tables.made(Terrain, table, x=x, y=y, interface=None)
+    terrain.check()
+    track = track_of(cast(Points, table.run_out_line or ()), terrain)
+    return Site(terrain, table.ends, water=scene.water, track=track, origin=table.origin or (0.0, 0.0))
 
 
 def check_limit_load(run: tables.Run, keys: Mapping[str, object], given: tables.LimitLoad | None) -> None:
@@ -309,23 +268,25 @@ def check_limit_load(run: tables.Run, keys: Mapping[str, object], given: tables.
     """
     asked = run.failure == "limit load"
     if asked and "failure_displacement" in keys:
-        raise ValueError(
-            "[run] failure_displacement has no effect beside failure = 'limit load', which finds it: leave it out"
-        )
+        raise Invalid(
+            ("run", "failure_displacement"), None, "has no effect beside failure = 'limit load', which finds it",
+            "leave it out",
+        )  # fmt: skip
     if asked and run.least_volume == 0:
-        raise ValueError(
-            "[run] least_volume = 0 beside failure = 'limit load': any particle moves below the limit load, give more "
-            "or leave it out"
-        )
+        raise Invalid(
+            ("run", "least_volume"), "0", "beside failure = 'limit load'",
+            "any particle moves below the limit load, give more or leave it out",
+        )  # fmt: skip
     if given is None:
         return
     if not asked:
-        raise ValueError("the scene has a table [limit_load] without [run] failure = 'limit load': leave it out")
+        raise Invalid(("limit_load",), None, "is there without [run] failure = 'limit load'", "leave it out")
     if run.least_volume not in (None, given.volume):
-        raise ValueError(
-            f"[run] least_volume = {run.least_volume:g} and [limit_load] volume = {shown(given.volume)} differ: the "
-            "displacement belongs to one volume, give that one in both"
-        )
+        raise Invalid(
+            ("run", "least_volume"), f"{run.least_volume:g}",
+            f"and [limit_load] volume = {shown(given.volume)} differ",
+            "the displacement belongs to one volume, give that one in both",
+        )  # fmt: skip
 
 
 def check_modes(table: tables.PlanAndEstimator, *, has_toe: bool) -> None:
@@ -338,17 +299,15 @@ def check_modes(table: tables.PlanAndEstimator, *, has_toe: bool) -> None:
     Raises:
         ValueError: no slide has a mode.
     """
-    modes = f"modes = {'both' if 'rough' in table.modes else 'refined'!r}"
+    path, value = ("campaign", "modes"), repr("both" if "rough" in table.modes else "refined")
     if table.slides == 0:
-        raise ValueError(
-            f"[campaign] slides = 0 ends every refined run once its class is decided, and {modes} asks for modes of "
-            "its failures, which only their end shows: leave out modes, or give slides = 'all' or a number"
-        )
+        raise Invalid(
+            path, value, "beside slides = 0, which ends every refined run before its mode shows",
+            "leave out modes, or give slides = 'all' or a number",
+        )  # fmt: skip
     if not has_toe:
-        raise ValueError(
-            f"[campaign] {modes} asks for modes, which only a slope with its toe has: leave it out, or give [ground] "
-            "its toe"
-        )
+        remedy = "leave it out, or give [ground] its toe"
+        raise Invalid(path, value, "asks for modes, which only a slope with its toe has", remedy)
 
 
 def _given(scene: tables.Scene, keys: Mapping[str, object], estimator: Estimator | None) -> str | None:
@@ -364,7 +323,7 @@ def _given(scene: tables.Scene, keys: Mapping[str, object], estimator: Estimator
         )
     named = [key for key in ("estimator", *SETTINGS) if key in keys]
     if named:
-        raise ValueError(
-            f"[campaign] {named[0]} has no effect beside estimator = {estimator!r}: leave it out of the scene"
+        raise Invalid(
+            ("campaign", named[0]), None, f"has no effect beside estimator = {estimator!r}", "leave it out of the scene"
         )
     return repr(estimator)

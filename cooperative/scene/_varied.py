@@ -105,7 +105,7 @@ def number_at(scene: Mapping[str, object], name: str) -> Path:
     """
     path = path_of(scene, name)
     now = path.value(scene)
-    if isinstance(now, dict | tables.Table | tables.Part):
+    if isinstance(now, dict | tables.Part):
         raise ValueError(f"{shown(name)} is a table in this scene: give a key of it, such as {name}.mean")
     schema = tables.schema_of(path.owner)["properties"][path.key]
     kinds = {part.get("type") for part in (schema, *schema.get("oneOf", ()), *schema.get("anyOf", ()))}

@@ -108,7 +108,7 @@ def cell_independent(discretisation: Discretisation, soil: AnySoil) -> Discretis
         The choices with `cell_average` and `internal_length` set.
     """
     length, band = None, getattr(soil, "softening_length", None)
-    if getattr(soil, "softens", False) and band is not None:
+    if getattr(soil, "softens", False) and band not in (None, "cell"):
         wanted = length_of_band(band)
         length = wanted if wanted >= kernel_of(discretisation).deviation(discretisation.cell) else None
     average = discretisation.cell_average

@@ -103,4 +103,4 @@ def _slips(soil: AnySoil) -> Iterator[str]:
             continue
         for end in (np.min, np.max):
             if slip := unit_slip(name, float(end(np.asarray(value)))):
-                yield f"{name} = {slip}"
+                yield slip.of(name)

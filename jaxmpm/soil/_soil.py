@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from jax import Array
@@ -64,7 +64,8 @@ class Soil:
         strain_95: instead of softening_modulus, plastic strain at which 95 % of an exponential loss has happened.
         softening_length: thickness of the shear band (m) that softening refers to. Softening is then scaled by the
             thickness of the grid's bands (a cell, or that of an internal_length) over it, so that a band takes the same
-            work on every grid. None for no scaling.
+            work on every grid. "cell" for no scaling; None likewise, but a campaign then takes a fifth of the slope's
+            height.
         rate_coefficient: gain of strength per tenfold shear rate above reference_rate; None for none.
         reference_rate: 1/s.
         unusual: whether numbers that look like another unit are intended; builders warn of them otherwise, see
@@ -86,7 +87,7 @@ class Soil:
     gap_memory: bool = True
     plastic_strain: PlasticStrain = PlasticStrain.ENGINEERING
     strain_95: float | None = None
-    softening_length: float | None = None
+    softening_length: float | Literal["cell"] | None = None
     rate_coefficient: float | None = None
     reference_rate: float = 3e-6
     unusual: bool = False
@@ -183,7 +184,7 @@ class FrictionalSoil:
     residual_friction: float = 0.0
     softening_strain: float | None = None
     decay: Decay = Decay.LINEAR
-    softening_length: float | None = None
+    softening_length: float | Literal["cell"] | None = None
     tension_cutoff: float | None = None
     gap_memory: bool = True
     saturated_unit_weight: float | None = None
@@ -249,13 +250,14 @@ def check_numbers(soil: object) -> None:
     """Raise ValueError for numbers of any soil beyond their limits."""
     for name, limit in LIMITS.items():
         value = getattr(soil, name, None)
-        if value is not None:
+        if value is not None and (name, value) != ("softening_length", "cell"):
             check.within(name, value, limit)
 
 
 def _scale(soil: Soil | FrictionalSoil, band: float) -> float:
     """Thickness of the grid's shear bands over the one that softening refers to."""
-    return 1.0 if soil.softening_length is None else band / soil.softening_length
+    length = soil.softening_length
+    return 1.0 if length is None or isinstance(length, str) else band / length
 
 
 def _cutoff(soil: Soil | FrictionalSoil, number: Callable[[ArrayLike], Array]) -> Array | None:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from jaxmpm.support.check import Invalid
+
 
 @dataclass(frozen=True)
 class Plausible:
@@ -54,8 +56,8 @@ PLAUSIBLE: Mapping[str, Plausible] = MappingProxyType(
 """By parameter of the soil and of its contact, and gravity."""
 
 
-def unit_slip(name: str, value: float, plausible: Plausible | None = None) -> str | None:
-    """Message about a number that looks like another unit.
+def unit_slip(name: str, value: float, plausible: Plausible | None = None) -> Invalid | None:
+    """What is wrong with a number that looks like another unit.
 
     Args:
         name: of a parameter of soil, or "gravity".
@@ -63,7 +65,7 @@ def unit_slip(name: str, value: float, plausible: Plausible | None = None) -> st
         plausible: its plausible range; None for the known one.
 
     Returns:
-        The value with its limit and a question about the unit; None if it is plausible or the parameter is unknown.
+        The value with its limit, and a question about the unit; None if it is plausible or the parameter is unknown.
     """
     plausible_range = PLAUSIBLE.get(name) if plausible is None else plausible
     if plausible_range is None or not value > 0:
@@ -74,5 +76,5 @@ def unit_slip(name: str, value: float, plausible: Plausible | None = None) -> st
     ):
         if (value < limit) if beyond == "below" else (value > limit):
             text, bound = (f"{number:g} {plausible_range.unit}".rstrip() for number in (value, limit))
-            return f"{text}, {beyond} {bound}: {question}"
+            return Invalid((), f"{text}, {beyond} {bound}", "", question)
     return None

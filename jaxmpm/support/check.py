@@ -5,12 +5,12 @@ The host cannot see values that JAX is tracing; such values pass. `admissible` c
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import TypeAlias, TypeVar
 
 import jax
@@ -34,7 +34,7 @@ class Invalid(ValueError):
         path: keys and positions that lead to the value from where the rule stands; none for that place itself.
         value: as a message shows it, None where the rule is of more than one value.
         rule: that it breaks, as the message goes on after the value.
-        remedy: what to do.
+        remedy: what to do, nothing where the rule says it.
     """
 
     def __init__(self, path: Sequence[str | int], value: str | None, rule: str, remedy: str) -> None:
@@ -48,7 +48,7 @@ class Invalid(ValueError):
             subject: what the path leads to, in words.
         """
         value, rule = "" if self.value is None else f" = {self.value}", f" {self.rule}" if self.rule else ""
-        return f"{subject}{value}{rule}: {self.remedy}"
+        return f"{subject}{value}{rule}" + (f": {self.remedy}" if self.remedy else "")
 
     def __str__(self) -> str:
         return self.of(".".join(map(str, self.path))).lstrip()
@@ -62,15 +62,20 @@ class Faults(ValueError):
     """All that is wrong with an input, of which each part was checked.
 
     Args:
-        faults: a message each.
+        errors: one for each fault, or its message.
     """
 
-    def __init__(self, faults: Sequence[str]) -> None:
-        super().__init__(tuple(faults))
-        self.faults = tuple(faults)
+    def __init__(self, errors: Sequence[ValueError | str]) -> None:
+        super().__init__(tuple(errors))
+        self.errors = tuple(ValueError(error) if isinstance(error, str) else error for error in errors)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Their messages."""
+        return tuple(map(str, self.errors))
 
     def __str__(self) -> str:
-        more = len(self.faults) - MOST_FAULTS
+        more = len(self.errors) - MOST_FAULTS
         return "; ".join(self.faults[:MOST_FAULTS]) + (f"; and {more} more" if more > 0 else "")
 
 
@@ -87,9 +92,9 @@ class Gathered:
     """Faults of checks of which none depends on another, to be raised together."""
 
     def __init__(self) -> None:
-        self.faults: list[str] = []
+        self.faults: list[ValueError | str] = []
 
-    @contextmanager
+    @contextlib.contextmanager
     def of(self, where: str = "") -> Iterator[None]:
         """Keep the faults that the block raises, and go on after it.
 
@@ -99,7 +104,8 @@ class Gathered:
         try:
             yield
         except ValueError as error:
-            self.faults += [f"{where}{fault}" for fault in faults_of(error)]
+            errors = error.errors if isinstance(error, Faults) else (error,)
+            self.faults += [f"{where}{fault}" if where else fault for fault in errors]
 
     def raise_all(self) -> None:
         """Raise what was kept, if anything was.
@@ -109,6 +115,31 @@ class Gathered:
         """
         if self.faults:
             raise Faults(self.faults)
+
+
+@contextlib.contextmanager
+def at(*path: str | int) -> Iterator[None]:
+    """Let what is refused inside lead from a place further out.
+
+    Args:
+        *path: keys and positions that lead from there to here.
+
+    Raises:
+        Invalid: what was refused, with the whole path.
+        Faults: several of these.
+    """
+
+    def further(error: ValueError) -> Invalid:
+        if isinstance(error, Invalid):
+            return Invalid((*path, *error.path), error.value, error.rule, error.remedy)
+        return Invalid(path, None, str(error), "")
+
+    try:
+        yield
+    except Faults as error:
+        raise Faults([further(fault) for fault in error.errors]) from error
+    except ValueError as error:
+        raise further(error) from error
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,6 +24,7 @@ from cooperative.scene.tables._key import (
     Share,
     Within,
     key,
+    made,
     one_of,
     table,
 )
@@ -205,7 +206,7 @@ class PlanAndEstimator(Plan):
     @property
     def plan(self) -> Plan:
         """What the campaign does, without its estimator."""
-        return Plan(**{part.name: getattr(self, part.name) for part in fields(Plan)})
+        return made(Plan, self)
 
     @property
     def chosen(self) -> Estimator:

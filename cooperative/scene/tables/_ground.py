@@ -23,7 +23,6 @@ from cooperative.scene.tables._key import (
     Polygon,
     Raster,
     Rows,
-    Table,
     Within,
     key,
     table,
@@ -36,7 +35,8 @@ from jaxmpm.support.check import Invalid, Limit
 _WALLS = "two numbers, the lower one first"
 
 
-class Slope(Table):
+@table
+class Slope(Part):
     """A simple slope.
 
     Lengths are multiples of the spacing of both grids.
@@ -54,7 +54,8 @@ class Slope(Table):
     y_ends: Literal["fixed", "roller"] = key("What holds the ends of a slope of finite width.", "fixed", "fixed")
 
 
-class Interface(Table):
+@table
+class Interface(Part):
     """Strength of the contact of soil with the base."""
 
     friction: OrTable[Annotated[float, Within(soil_limits()["friction"])] | Literal["soil"], RandomField] = key(
@@ -92,7 +93,20 @@ CONTACT = key(
 CONTACT_OF_BEDROCK = "Soil slides on it with the strength of the `interface`, or its own without one."
 
 
-class Ground(Table):
+class _OnBase(Part):
+    """Ground on a rigid base, or bedrock."""
+
+    @property
+    def contact(self) -> Interface | None:
+        """Its interface, with the strength of the soil where bedrock has no other; None where soil sticks to it."""
+        interface, bedrock = (getattr(self, name) for name in ("interface", "bedrock"))
+        if isinstance(interface, Interface) or interface == "fixed" or (interface is None and bedrock is None):
+            return interface if isinstance(interface, Interface) else None
+        return Interface("soil", "soil")
+
+
+@table
+class Ground(_OnBase):
     """Ground that you draw, a section in plane strain, in place of `[slope]`.
 
     A line is a list of points with rising x, `[[x, z], ...]`, or the name of a file beside the scene. The file is a CSV
@@ -146,7 +160,8 @@ class Ground(Table):
     )
 
 
-class Terrain(Table):
+@table
+class Terrain(_OnBase):
     """Ground under a terrain model, in place of `[slope]`.
 
     Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra `terrain`) beside the scene; one in degrees, in feet or in
@@ -210,6 +225,13 @@ class Terrain(Table):
         otherwise="along the mean displacement of the slide",
         allowed='two or more points [x, y], or a file and its layer, "site.gpkg#channel"',
     )
+
+    @validates(mode="after")
+    def _cut_somewhere(self) -> Self:
+        if self.cut == "free" and self.polygon is None:
+            remedy = "depth is always fixed, so leave it out"
+            raise Invalid(("cut",), "'free'", "has no effect without polygon", remedy)
+        return self
 
 
 @table

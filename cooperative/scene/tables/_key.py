@@ -12,7 +12,6 @@ import numpy as np
 from annotated_types import Ge, GroupedMetadata, Interval, MinLen
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Discriminator,
@@ -61,20 +60,6 @@ def key(
     extras = {"otherwise": otherwise, "allowed": allowed, "remedy": remedy, "synonyms": synonyms, "units": units}
     extra: JsonDict = {name: words for name, words in extras.items() if words}
     return Field(default, description=meaning, examples=[example], json_schema_extra=extra)
-
-
-class Table(BaseModel):
-    """A table of a scene: its fields are its keys, and no others are known.
-
-    Texts are no numbers, nor are booleans.
-    """
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, validate_default=True)
-
-    @validates("*", mode="before")
-    @classmethod
-    def _in_64_bits(cls, value: object) -> object:
-        return in_64_bits(value)
 
 
 CONFIG = ConfigDict(extra="forbid", validate_default=True, arbitrary_types_allowed=True)
@@ -130,6 +115,18 @@ def keys(kind: type) -> Mapping[str, FieldInfo]:
     """Keys of a table, each with what it declares."""
     declared: Mapping[str, FieldInfo] = kind.__pydantic_fields__  # type: ignore[attr-defined]
     return declared
+
+
+def made(kind: Callable[..., T], part: Part, **others: object) -> T:
+    """An object whose fields are keys of a part.
+
+    Args:
+        kind: its class, a dataclass.
+        part: of a campaign.
+        **others: fields in place of those keys.
+    """
+    values = {field.name: getattr(part, field.name) for field in fields(cast(Any, kind)) if hasattr(part, field.name)}
+    return kind(**{**values, **others})
 
 
 def plain(value: object) -> object:
@@ -287,7 +284,7 @@ Polygon = Annotated[tuple[Pair[Metres], ...], Strict(False), MinLen(3), AfterVal
 
 OrTable = Annotated[
     Annotated[T, Tag("(number)")] | Annotated[F, Tag("(table)")],
-    Discriminator(lambda value: "(table)" if isinstance(value, dict | Table | Part) else "(number)"),
+    Discriminator(lambda value: "(table)" if isinstance(value, dict | Part) else "(number)"),
 ]
 """A number, or a table of how it varies."""
 

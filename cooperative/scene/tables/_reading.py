@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
-from typing import ClassVar, Protocol, TypeGuard, TypeVar, cast, get_args, get_origin
+from typing import Any, ClassVar, Protocol, TypeGuard, TypeVar, cast, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
@@ -63,6 +64,31 @@ def refusal(table: type, values: Mapping[str, object], error: ValidationError) -
         error: of pydantic.
     """
     return Faults(_faults(cast(type[Keyed], table), values, "", error))
+
+
+@contextmanager
+def in_words(table: type[Keyed], values: object) -> Iterator[None]:
+    """Name the key of what is refused inside, and the tables around it.
+
+    Args:
+        table: from which paths lead.
+        values: as TOML or JSON has them.
+
+    Raises:
+        ValueError: in place of `Invalid`.
+    """
+
+    def worded(error: ValueError) -> ValueError:
+        if not isinstance(error, Invalid):
+            return error
+        return ValueError(error.of(str(_entry_at(table, values, "", error.path))))
+
+    try:
+        yield
+    except Faults as error:
+        raise Faults([worded(fault) for fault in error.errors]) from error
+    except Invalid as error:
+        raise worded(error) from error
 
 
 class Keyed(Protocol):
@@ -134,6 +160,9 @@ def _entry_at(
 def _faults(table: type[Keyed], values: object, where: str, error: ValidationError) -> list[str]:
     """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
     errors = error.errors(include_url=False)
+    if any(fault["loc"][:1] != ("layer",) for fault in errors):
+        # What a layer takes from [soil] is reported there.
+        errors = [fault for fault in errors if fault["loc"][:1] != ("layer",) or _stands(values, fault["loc"])]
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
     wrong: dict[tuple[str, ...], list[str]] = {}
@@ -162,6 +191,18 @@ def _faults(table: type[Keyed], values: object, where: str, error: ValidationErr
         lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
     lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
     return [*unknown, *lacks, *chain.from_iterable(wrong.values())]
+
+
+def _stands(values: Any, location: Iterable[int | str]) -> bool:
+    """Whether the value at pydantic's location stands in tables, rather than what a layer takes from others."""
+    for part in location:
+        if str(part).startswith("("):
+            continue  # which of the types of a union it is
+        if isinstance(values, Mapping) and part not in values:
+            return False
+        if isinstance(values, Mapping) or (isinstance(values, list) and isinstance(part, int)):
+            values = values[part]
+    return True
 
 
 def _wrong(entry: _Entry, error: ErrorDetails) -> str:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from dataclasses import replace
+from typing import Annotated, ClassVar, Self
 
 from annotated_types import MaxLen
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic import model_validator as validates
+from pydantic.config import JsonDict
 
 from cooperative.scene.tables._campaign import Grid, PlanAndEstimator
 from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
-from cooperative.scene.tables._key import Table, plain_name
+from cooperative.scene.tables._key import Part, plain_name, table
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._run import Run
 from cooperative.scene.tables._seepage import Drawdown, Rain
-from cooperative.scene.tables._soil import Layer, Soil
+from cooperative.scene.tables._soil import Layer, Soil, with_soil
 from cooperative.scene.tables._stored import Calibration, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
 from cooperative.scene.tables._varying import CrossCorrelation, RandomField
@@ -29,10 +31,11 @@ STORED = ("calibration", "estimator", "files", "limit_load")
 """Tables that a campaign wrote into the scene that it keeps."""
 
 
-class Scene(Table):
+@table
+class Scene(Part):
     """A scene of jaxmpm."""
 
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [site]} for site in SITES]})
+    SCHEMA: ClassVar[JsonDict] = {"oneOf": [{"required": [site]} for site in SITES]}
 
     name: Annotated[str, plain_name(LONGEST_NAME)] = Field("campaign", description="Title of the campaign.")
     slope: Slope | None = None
@@ -45,8 +48,10 @@ class Scene(Table):
     soil: Soil | None = None
     strength: RandomField | None = None
     cross_correlation: CrossCorrelation | None = None
-    rough: Grid
-    refined: Grid = Field(description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`.")
+    rough: Grid = Field(kw_only=True)
+    refined: Grid = Field(
+        kw_only=True, description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`."
+    )
     coarse: Grid | None = Field(
         None,
         description="A grid coarser than the rough one, on which all samples run first. By their displacement there, "
@@ -54,7 +59,7 @@ class Scene(Table):
     )
     run: Run = Field(default_factory=Run)
     motion: Motion | None = None
-    campaign: PlanAndEstimator
+    campaign: PlanAndEstimator = Field(kw_only=True)
     hazard: Hazard | None = None
     exposed: Annotated[list[Exposed], MaxLen(MOST_LAYERS)] | None = None
     sweep: Sweep | None = Field(None, json_schema_extra={"minProperties": 1})
@@ -68,6 +73,13 @@ class Scene(Table):
         json_schema_extra={"additionalProperties": True},  # versions of pydantic differ in whether they write that
     )
 
+    @validates(mode="before")
+    @classmethod
+    def _layers_with_soil(cls, values: object) -> object:
+        if not isinstance(values, dict) or not isinstance(layers := values.get("layer"), list):
+            return values
+        return values | {"layer": [with_soil(each, values) if isinstance(each, dict) else each for each in layers]}
+
     @validates(mode="after")
     def _idle_keys(self) -> Self:
         """Keys have an effect."""
@@ -77,9 +89,8 @@ class Scene(Table):
             return self
         if self.strength is not None and self.soil.strength is not None:
             raise Invalid((), None, "has both [strength] and [soil] strength", "leave one of them out")
-        soils: list[Table] = [self.soil, *self.layer]
-        cut_off = any("tension_cutoff" in table.model_fields_set for table in soils)
-        if "gap_memory" in self.soil.model_fields_set and not cut_off:
+        cut_off = any(soil.tension_cutoff is not None for soil in (self.soil, *self.layer))
+        if self.soil.gap_memory is not None and not cut_off:
             raise Invalid(
                 ("soil", "gap_memory"), None, "has no effect in soil without tension_cutoff, which opens no gap",
                 "leave it out, or give tension_cutoff",
@@ -95,6 +106,11 @@ class Scene(Table):
         return self
 
     @property
+    def whole_soil(self) -> Soil | None:
+        """That of `[soil]`, with the strength of `[strength]`."""
+        return self.soil if self.soil is None or self.strength is None else replace(self.soil, strength=self.strength)
+
+    @property
     def unusual(self) -> bool:
         """Whether `[soil]` has unusual numbers on purpose."""
         return self.soil is not None and self.soil.unusual
@@ -106,6 +122,10 @@ class Scene(Table):
         if len(given) != 1:
             has = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "has no ground"
             raise Invalid((), None, has, f"give one of {', '.join(f'[{name}]' for name in SITES)}")
+        for number, layer in enumerate(self.layer):
+            if isinstance(layer.top, tuple) and self.ground is None:
+                rule = "is a line, which is for a scene with [ground]"
+                raise Invalid(("layer", number, "top"), None, rule, "give its elevation (m)")
         other = "table" if self.ground is None else "raster"
         if self.water is not None and getattr(self.water, other) is not None:
             remedy = "give level, depth, r_u or " + {"table": "raster", "raster": "table"}[other]

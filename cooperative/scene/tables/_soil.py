@@ -1,31 +1,32 @@
-"""Tables of the soil: `[soil]`, what varies in it as `[strength]`, `[cross_correlation]`, and `[[layer]]`."""
+"""Tables of the soil: `[soil]`, what varies in it as `[strength]`, and `[[layer]]`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Generic, Literal, Self, cast
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import fields
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, create_model
 from pydantic import model_validator as validates
-from pydantic.config import JsonDict
-from pydantic.fields import FieldInfo
 
 from cooperative.scene.tables._key import (
-    F,
+    Flag,
     Length,
     Line,
     Metres,
     OrTable,
+    Part,
     Raster,
-    Table,
     Within,
     key,
     keys,
     one_of,
     plain_name,
+    table,
 )
 from cooperative.scene.tables._varying import RandomField
-from jaxmpm import PlasticStrain
+from cooperative.store import table_of
+from jaxmpm import FrictionalSoil, PlasticStrain
 from jaxmpm import Soil as UndrainedSoil
 from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
 from jaxmpm.soil import soil_limits
@@ -37,34 +38,58 @@ MATCHINGS = {matching.value: matching for matching in Matching}
 DECAYS = {decay.name.lower(): decay for decay in Decay}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 
+UNDRAINED, FRICTIONAL = "undrained", "frictional"
+STRENGTHS = {"strength", "strength_ratio", "strength_minimum"}
+OF_CLAY, OF_FRICTION = (
+    tuple(part.name for part in fields(kind) if part.name not in {other.name for other in fields(beside)})
+    for kind, beside in ((UndrainedSoil, FrictionalSoil), (FrictionalSoil, UndrainedSoil))
+)
+"""Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
+OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf")
+OF_A_MEASURED_FIELD = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov")
+"""What a layer gives only of a field of its own, which stops at it: its length at least. Measured values, and errors of
+estimates, it does not even take from another field."""
+
 
 def _of(parameter: str) -> Within:
     return Within(soil_limits()[parameter])
 
 
-class _Soil(Table, Generic[F]):
-    """Keys of the soil, with tables F of the parameters that vary."""
+def _default(parameter: str) -> str:
+    """The solver's default of what a scene leaves out, in words."""
+    value = getattr(UndrainedSoil, parameter, getattr(FrictionalSoil, parameter, None))
+    named = {each: name for choices in (CRITERIA, MATCHINGS, DECAYS, PLASTIC_STRAINS) for name, each in choices.items()}
+    return f"`{json.dumps(value if isinstance(value, bool | float) else named[value])}`"
 
-    unit_weight: OrTable[Annotated[float, _of("unit_weight")], F] = key(
+
+@table
+class Soil(Part):
+    """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction.
+
+    A parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`.
+    Units are Pa, N/m3 and degrees: a number that looks like kPa or kN/m3 is refused, see `unusual`.
+    """
+
+    unit_weight: OrTable[Annotated[float, _of("unit_weight")], RandomField] = key(
         "Weight of the soil, including its water.", 20e3, synonyms="gamma density rho weight"
     )
-    saturated_unit_weight: OrTable[Annotated[float, _of("saturated_unit_weight")], F] | None = key(
+    saturated_unit_weight: OrTable[Annotated[float, _of("saturated_unit_weight")], RandomField] | None = key(
         "Weight of soil that lies below the water table at the start; soil above it has `unit_weight`.",
         20e3,
         None,
         otherwise="that of soil above it",
         synonyms="gamma_sat saturated_weight wet_unit_weight",
     )
-    young: OrTable[Annotated[float, _of("young")], F] = key(
+    young: OrTable[Annotated[float, _of("young")], RandomField] = key(
         "Young's modulus.", 1e8, synonyms="e youngs_modulus young_modulus modulus stiffness"
     )
-    poisson: OrTable[Annotated[float, _of("poisson")], F] = key(
+    poisson: OrTable[Annotated[float, _of("poisson")], RandomField] = key(
         "Poisson's ratio.", 0.3, synonyms="nu poisson_ratio poissons_ratio"
     )
-    strength: OrTable[Annotated[float, _of("strength")], F] | None = key(
+    strength: OrTable[Annotated[float, _of("strength")], RandomField] | None = key(
         "Undrained shear strength; `[strength]` is short for a table of it.", 42e3, None
     )
-    strength_ratio: OrTable[Annotated[float, _of("strength_ratio")], F] | None = key(
+    strength_ratio: OrTable[Annotated[float, _of("strength_ratio")], RandomField] | None = key(
         "In place of the strength, s_u / sigma'_v: undrained strength over the effective vertical stress at rest. That "
         "stress is the weight of the soil above, with mean unit weights, less the water pressure. It needs `[water]`.",
         0.25,
@@ -75,29 +100,31 @@ class _Soil(Table, Generic[F]):
         5e3,
         None,
     )
-    softening_modulus: OrTable[Annotated[float, _of("softening_modulus")], F] | None = key(
+    softening_modulus: OrTable[Annotated[float, _of("softening_modulus")], RandomField] | None = key(
         "Loss of strength over plastic strain.", 85e3, None, otherwise="none: no softening",
         synonyms="softening=linear linear_softening",
     )  # fmt: skip
-    residual_ratio: OrTable[Annotated[float, _of("residual_ratio")], F] = key(
-        "Strength left at large strain, over the peak.",
-        0.5,
-        UndrainedSoil.residual_ratio,
+    residual_ratio: OrTable[Annotated[float, _of("residual_ratio")], RandomField] | None = key(
+        "Strength left at large strain, over the peak.", 0.5, None, otherwise=_default("residual_ratio"),
         synonyms="residual residual_strength",
-    )
+    )  # fmt: skip
     tension_cutoff: Annotated[float, _of("tension_cutoff")] | None = key(
         "Largest mean tension.", 0.0, None, otherwise="no limit"
     )
-    gap_memory: bool = key(
+    gap_memory: Flag | None = key(
         "Whether soil that the tension cutoff has opened closes its gap before it bears pressure. With `false` it "
         "resists at once, and grains are thrown out.",
         True,
-        True,
+        None,
+        otherwise=_default("gap_memory"),
     )
-    plastic_strain: Annotated[PlasticStrain, one_of(PLASTIC_STRAINS)] = key(
-        "Measure of plastic strain by which the soil softens.", "engineering", "engineering"
+    plastic_strain: Annotated[PlasticStrain, one_of(PLASTIC_STRAINS)] | None = key(
+        "Measure of plastic strain by which the soil softens.",
+        "engineering",
+        None,
+        otherwise=_default("plastic_strain"),
     )
-    strain_95: OrTable[Annotated[float, _of("strain_95")], F] | None = key(
+    strain_95: OrTable[Annotated[float, _of("strain_95")], RandomField] | None = key(
         "Plastic strain at which 95 % of an exponential loss is done, instead of softening_modulus.", 10.0, None,
         synonyms="softening=exponential exponential_softening",
     )  # fmt: skip
@@ -107,44 +134,48 @@ class _Soil(Table, Generic[F]):
         None,
         otherwise="a fifth of the height of the slope, or of the ground's relief",
     )
-    rate_coefficient: OrTable[Annotated[float, _of("rate_coefficient")], F] | None = key(
+    rate_coefficient: OrTable[Annotated[float, _of("rate_coefficient")], RandomField] | None = key(
         "Rise of strength for each tenfold rate of strain.", 0.1, None, otherwise="none: no effect of rate"
     )
-    reference_rate: Annotated[float, _of("reference_rate")] = key(
-        "Rate of shear strain at which the given strength holds.", 1e-5, UndrainedSoil.reference_rate
+    reference_rate: Annotated[float, _of("reference_rate")] | None = key(
+        "Rate of shear strain at which the given strength holds.", 1e-5, None, otherwise=_default("reference_rate")
     )
-    viscosity: OrTable[Annotated[float, _of("viscosity")], F] | None = key(
+    viscosity: OrTable[Annotated[float, _of("viscosity")], RandomField] | None = key(
         "Bingham's plastic viscosity. Clay that flows resists with its strength, plus this times the rate of "
         "engineering plastic shear strain.",
         0.2,
         None,
         otherwise="none: no viscosity",
     )
-    cohesion: OrTable[Annotated[float, _of("cohesion")], F] | None = key(
+    cohesion: OrTable[Annotated[float, _of("cohesion")], RandomField] | None = key(
         "Cohesion, with friction in place of strength.", 5e3, None, synonyms="c"
     )
-    friction: OrTable[Annotated[float, _of("friction")], F] | None = key(
+    friction: OrTable[Annotated[float, _of("friction")], RandomField] | None = key(
         "Angle of friction.", 25.0, None, synonyms="phi friction_angle"
     )
-    dilation: OrTable[Annotated[float, _of("dilation")], F] = key(
-        "Angle of dilation, at most that of friction.", 0.0, 0.0, synonyms="psi dilatancy"
+    dilation: OrTable[Annotated[float, _of("dilation")], RandomField] | None = key(
+        "Angle of dilation, at most that of friction.", 0.0, None, otherwise=_default("dilation"),
+        synonyms="psi dilatancy",
+    )  # fmt: skip
+    criterion: Annotated[type, one_of(CRITERIA)] | None = key(
+        "Law of soil with friction.", "mohr-coulomb", None, otherwise=_default("criterion")
     )
-    criterion: Annotated[type, one_of(CRITERIA)] = key("Law of soil with friction.", "mohr-coulomb", "mohr-coulomb")
-    matching: Annotated[Matching, one_of(MATCHINGS)] = key(
-        "Where the cone of Drucker-Prager meets Mohr-Coulomb's pyramid.", "plane strain", "plane strain"
+    matching: Annotated[Matching, one_of(MATCHINGS)] | None = key(
+        "Where the cone of Drucker-Prager meets Mohr-Coulomb's pyramid.", "plane strain", None,
+        otherwise=_default("matching"),
+    )  # fmt: skip
+    residual_cohesion: OrTable[Annotated[float, _of("residual_cohesion")], RandomField] | None = key(
+        "Cohesion left at large strain.", 0.0, None, otherwise=_default("residual_cohesion")
     )
-    residual_cohesion: OrTable[Annotated[float, _of("residual_cohesion")], F] = key(
-        "Cohesion left at large strain.", 0.0, 0.0
+    residual_friction: OrTable[Annotated[float, _of("residual_friction")], RandomField] | None = key(
+        "Friction left at large strain.", 20.0, None, otherwise=_default("residual_friction")
     )
-    residual_friction: OrTable[Annotated[float, _of("residual_friction")], F] = key(
-        "Friction left at large strain.", 20.0, 0.0
-    )
-    softening_strain: OrTable[Annotated[float, _of("softening_strain")], F] | None = key(
+    softening_strain: OrTable[Annotated[float, _of("softening_strain")], RandomField] | None = key(
         "Plastic shear strain over which cohesion and friction fall to the residual.", 0.2, None,
         otherwise="none: no softening",
     )  # fmt: skip
-    decay: Annotated[Decay, one_of(DECAYS)] = key("How they fall.", "linear", "linear")
-    unusual: bool = key(
+    decay: Annotated[Decay, one_of(DECAYS)] | None = key("How they fall.", "linear", None, otherwise=_default("decay"))
+    unusual: Flag = key(
         "Whether to accept numbers that look like another unit. Without it a scene is refused for strength below "
         "1 kPa, cohesion below 0.1 kPa, either above 5 MPa, Young's modulus below 0.2 MPa, or friction below 1.6 "
         "degrees. The same holds for unit weight outside 3 to 40 kN/m3, and gravity outside 0.1 to 30 m/s2. It "
@@ -153,61 +184,22 @@ class _Soil(Table, Generic[F]):
         False,
     )
 
-
-class Soil(_Soil[RandomField]):
-    """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction.
-
-    A parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`.
-    Units are Pa, N/m3 and degrees: a number that looks like kPa or kN/m3 is refused, see `unusual`.
-    """
+    @property
+    def values(self) -> dict[str, Any]:
+        """What is given of the soil, by key."""
+        given = {part.name: getattr(self, part.name) for part in fields(Soil)}
+        return {name: value for name, value in given.items() if value is not None}
 
 
-OF_A_FIELD = (
-    "length",
-    "correlation",
-    "energy",
-    "bedding",
-    "nataf",
-    "boreholes",
-    "borehole_error",
-    "mean_error",
-    "cov_error",
-    "factor_cov",
-)
-"""What a layer gives only of a field of its own, which stops at it: its length at least."""
+def kind_of(keys_given: Collection[str]) -> str | None:
+    """Of which kind soil is that has these keys; None where none is a strength."""
+    if not {"cohesion", "friction"}.isdisjoint(keys_given):
+        return FRICTIONAL
+    return None if {"strength", "strength_ratio"}.isdisjoint(keys_given) else UNDRAINED
 
 
-def _optional(keys: Mapping[str, FieldInfo], otherwise: str) -> dict[str, Any]:
-    """The same keys, none of them required.
-
-    otherwise: what holds where one is not given.
-    """
-    return {
-        name: (
-            Annotated[field.annotation, "optional", *field.metadata] | None,
-            Field(
-                None,
-                description=field.description,
-                examples=field.examples,
-                json_schema_extra=cast(JsonDict, field.json_schema_extra) | {"otherwise": otherwise},
-            ),
-        )
-        for name, field in keys.items()
-    }
-
-
-VaryingInLayer: Any = create_model(
-    "VaryingInLayer",
-    __base__=Table,
-    __doc__="What a layer may give of a parameter that varies.",
-    **_optional({name: each for name, each in keys(RandomField).items() if name != "sampled_at"}, "that of [soil]"),
-)
-_SoilOfLayer: Any = create_model(
-    "_SoilOfLayer", __base__=Table, **_optional(keys(_Soil[VaryingInLayer]), "that of [soil]")
-)
-
-
-class Layer(_SoilOfLayer):
+@table
+class Layer(Soil):
     """Layers of the drawn ground, one `[[layer]]` each, from the top down.
 
     The last has no lower boundary. Each may have any key of `[soil]`. A parameter that varies is a table, such as
@@ -238,10 +230,33 @@ class Layer(_SoilOfLayer):
         None,
         otherwise="its top as drawn",
     )
-    rock: bool = key("Whether it is rock, which does not yield.", True, False)
+    rock: Flag = key("Whether it is rock, which does not yield.", True, False)
 
     @validates(mode="after")
     def _one_boundary(self) -> Self:
         if self.bottom is not None and self.raster is not None:
             raise Invalid((), None, "has both bottom and raster", "give one of them")
         return self
+
+
+def with_soil(layer: Mapping[str, object], scene: Mapping[str, object]) -> dict[str, object]:
+    """A layer as a scene gives it, with what it takes from `[soil]` and `[strength]`.
+
+    Args:
+        layer: its table.
+        scene: all tables.
+    """
+    soil = {**table_of(scene, "soil"), **({"strength": scene["strength"]} if "strength" in scene else {})}
+    kind, dropped = kind_of(layer.keys()), set[str]()
+    if kind not in (None, kind_of(soil.keys())):
+        # A layer of the other kind takes over what both kinds have.
+        dropped |= set(OF_CLAY if kind == FRICTIONAL else OF_FRICTION)
+    if not {"strength", "strength_ratio"}.isdisjoint(layer):
+        dropped |= STRENGTHS - layer.keys()
+    merged = {name: value for name, value in soil.items() if name in keys(Soil) and name not in dropped} | dict(layer)
+    for name, value in layer.items():
+        field = soil.get(name)
+        if isinstance(value, dict) and isinstance(field, dict) and name not in dropped:
+            alone = OF_A_MEASURED_FIELD if "length" in value else ()
+            merged[name] = {key: each for key, each in field.items() if key not in alone} | value
+    return merged

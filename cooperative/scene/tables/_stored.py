@@ -9,7 +9,7 @@ from pydantic import Strict, computed_field
 from pydantic import model_validator as validates
 
 from cooperative.estimate import SharedAudit
-from cooperative.scene.tables._key import AboveZero, Length, Pair, Part, Several, Table, key, table
+from cooperative.scene.tables._key import AboveZero, Length, Pair, Part, Several, Text, key, table
 
 
 @table
@@ -99,7 +99,8 @@ class LongerSlides(Part):
     t_end: Annotated[float, Interval(gt=0, le=1e9)]
 
 
-class GivenEstimator(Table):
+@table
+class GivenEstimator(Part):
     """How the estimator describes itself that a script gave."""
 
-    given: str = key("In words.", "EveryKth(k=2)")
+    given: Text = key("In words.", "EveryKth(k=2)")

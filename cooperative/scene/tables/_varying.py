@@ -258,11 +258,10 @@ class RandomField(Part):
             ends = np.multiply.outer(ends, np.asarray(self.factor(np.array([-TAIL, TAIL])), float))
         return float(ends.min()), float(ends.max())
 
-    def check(self, where: str, limit: Limit, span: Span) -> None:
+    def check(self, limit: Limit, span: Span) -> None:
         """Check that values stay within the limits of the parameter.
 
         Args:
-            where: name of the parameter, for messages.
             limit: of the parameter.
             span: of the ground.
 
@@ -271,56 +270,62 @@ class RandomField(Part):
                 mean that is uncertain where it cannot be.
         """
         kl.marginal.check_marginal(self.distribution)
-        self._check_errors(where)
+        self._check_errors()
         depth = self.deepest(span)
         if self.trend is None and self.trend_from != "surface":
-            raise ValueError(f"{where} trend_from = {self.trend_from!r} without a trend: add trend, or leave it out")
+            raise Invalid(("trend_from",), repr(self.trend_from), "without a trend", "add trend, or leave it out")
         if self.trend_from != "surface" and depth <= 0:
-            raise ValueError(
-                f"{where} trend_from = {self.trend_from:g} m is not above the base of the ground at {span[0]:g} m: "
-                "give an elevation within the ground or above it"
-            )
+            raise Invalid(
+                ("trend_from",), f"{self.trend_from:g} m", f"is not above the base of the ground at {span[0]:g} m",
+                "give an elevation within the ground or above it",
+            )  # fmt: skip
         if self.grown(depth) <= 0:
-            raise ValueError(
-                f"{where} trend = {self.trend:g} per metre brings the mean of {self.mean:g} to "
-                f"{self.mean * self.grown(depth):.3g} at a depth of {depth:g} m: give a smaller one"
-            )
+            raise Invalid(
+                ("trend",), f"{self.trend:g}",
+                f"per metre brings the mean of {self.mean:g} to {self.mean * self.grown(depth):.3g} at a depth of "
+                f"{depth:g} m",
+                "give a smaller one",
+            )  # fmt: skip
         for value in self.extremes(span):
             if not limit.holds(value):
                 number = f"{value:.3g} {limit.unit}".rstrip()
-                raise ValueError(
-                    f"{where} has values of {number}, {TAIL:g} deviations from the middle: give {limit} by a smaller "
-                    "cov, or marginal = 'truncated normal' with lower and upper"
-                )
+                raise Invalid(
+                    (), None, f"has values of {number}, {TAIL:g} deviations from the middle",
+                    f"give {limit} by a smaller cov, or marginal = 'truncated normal' with lower and upper",
+                )  # fmt: skip
+        self._check_boreholes()
+
+    def _check_boreholes(self) -> None:
+        """Raise Invalid for rows of other axes, and for several values at one point that are to be met exactly."""
+        axes = len(self.length)
         for row in self.boreholes or ():
-            if len(row) != len(self.length) + 1:
-                raise ValueError(
-                    f"{where} boreholes hold {list(row)}: give {len(self.length) + 1} numbers, the position and the "
-                    "value"
-                )
+            if len(row) != axes + 1:
+                remedy = f"give {axes + 1} numbers, the position and the value"
+                raise Invalid(("boreholes",), None, f"hold {list(row)}", remedy)
         points = Counter(row[:-1] for row in self.boreholes or ())
         at, most = points.most_common(1)[0] if points else ((), 0)
         if most > 1 and not self.borehole_error:
-            raise ValueError(
-                f"{where} boreholes hold {most} values at {list(at)} m and no error: give borehole_error, or one value "
-                "there"
-            )
+            raise Invalid(
+                ("boreholes",), None, f"hold {most} values at {list(at)} m and no error",
+                "give borehole_error, or one value there",
+            )  # fmt: skip
 
-    def _check_errors(self, where: str) -> None:
-        """Raise ValueError for errors of mean and cov that are too large, or of a marginal that cannot have them."""
+    def _check_errors(self) -> None:
+        """Raise Invalid for errors of mean and cov that are too large, or of a marginal that cannot have them."""
         if not self.uncertain:
             return
         if self.marginal not in (kl.Lognormal, kl.Normal) or self.nataf:
-            raise ValueError(
-                f"{where} has mean_error or cov_error, which need marginal = 'lognormal' or 'normal' without nataf: "
-                "leave them out"
-            )
+            raise Invalid(
+                (), None,
+                "has mean_error or cov_error, which need marginal = 'lognormal' or 'normal' without nataf",
+                "leave them out",
+            )  # fmt: skip
         for name, error, value in (("mean", self.mean_error, self.mean), ("cov", self.cov_error, self.cov)):
             if error > 2 * value:
-                raise ValueError(
-                    f"{where} {name}_error = {error:g} exceeds twice the {name} of {value:g}: give the standard error "
-                    "in the same unit, or measure more"
-                )
+                raise Invalid(
+                    (f"{name}_error",), f"{error:g}", f"exceeds twice the {name} of {value:g}",
+                    "give the standard error in the same unit, or measure more",
+                )  # fmt: skip
 
     @property
     def strata(self) -> kl.Bedding | None:

@@ -53,7 +53,7 @@ def test_answers_of_a_scene_do_not_follow_the_cell_unless_it_says_so(tmp_path):
     assert (refined.cell_average, refined.fbar) == (True, False)
     assert refined.internal_length == pytest.approx(8.0 / 5 / np.sqrt(2 * np.pi))
     published = parse(AS_PUBLISHED)
-    assert published.soil.softening_length is None
+    assert published.soil.softening_length == "cell"
     numerics = {(grid.cell_average, grid.fbar, grid.internal_length) for grid in published.grids.values()}
     assert numerics == {(None, False, None)}
     assert parse(changed("softening_modulus = 85e3\n", "")).soil.softening_length is None

@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -15,8 +16,6 @@ from cooperative.scene.tables._ground import Slope
 from cooperative.scene.tables._scene import Scene
 
 OF_SOLVER = [
-    (tables.Soil, mpm.Soil),
-    (tables.Soil, mpm.FrictionalSoil),
     (tables.Interface, mpm.Interface),
     (tables.Grid, mpm.Discretisation),
     (Slope, mpm.Slope),
@@ -30,10 +29,7 @@ REQUIRED = object()
 STATED = "a scene states its soil and its slope; in Python those of the published slope stand for them"
 KIND = "the table is of several kinds, and a scene is refused that lacks the key for its kind"
 ON_PURPOSE = {
-    **dict.fromkeys(((kind, key) for kind in ("Soil", "FrictionalSoil") for key in ("unit_weight", "young", "poisson")),
-                    STATED),
     **dict.fromkeys((("Slope", key) for key in ("crest", "height", "run_per_rise", "toe", "foundation")), STATED),
-    **dict.fromkeys((("FrictionalSoil", key) for key in ("cohesion", "friction")), KIND),
     ("Published", "k_t"): KIND,
     ("Discretisation", "fbar"): "None is False, and tells a scene that states False and so wants no average at all",
     ("Discretisation", "cfl"): "a campaign's is that of its run; an elastic block with free sides needs 0.5",
@@ -61,6 +57,27 @@ def test_the_solver_and_the_estimators_have_the_defaults_of_a_scene():
         if default_of(table, field.name) != default_of(kind, field.name)
     }
     assert differ == set(ON_PURPOSE)
+
+
+def test_what_a_scene_leaves_out_of_its_soil_is_left_to_the_solver():
+    keys = tables.keys(tables.Soil)
+    assert {name for name, key in keys.items() if key.is_required()} == {"unit_weight", "young", "poisson"}
+    assert {name for name, key in keys.items() if not key.is_required() and key.default is not None} == {"unusual"}
+    for name, value in {"residual_ratio": "0.5", "gap_memory": "true", "decay": '"linear"', "dilation": "0.0"}.items():
+        assert keys[name].json_schema_extra["otherwise"] == f"`{value}`"
+
+
+def test_softening_refers_to_the_same_band_at_both_doors():
+    clay = mpm.Soil(19e3, 2e7, 0.4, strength=30e3, softening_modulus=85e3)
+    text = LEAST.replace("poisson = 0.4", "poisson = 0.4, softening_modulus = 85e3")
+    for length, band in (("", 1 / 5 * 6.0), (", softening_length = 2.5", 2.5), (', softening_length = "cell"', "cell")):
+        soil = clay if not length else replace(clay, softening_length=band)
+        campaign = in_python(soil, "strength", Site(mpm.Slope(12.0, 6.0, 1.0, 14.0, 2.0), "fixed"))
+        scene = parse(text.replace("85e3", f"85e3{length}"))
+        assert source_of_value(scene).beside == source_of_value(campaign).beside
+        assert scene.soil.softening_length == band
+        again = replace(campaign, name="again")
+        assert again.soil == campaign.soil
 
 
 BUILDERS = (mpm.slope, mpm.Slope.build, mpm.section, mpm.terrain, mpm.column, mpm.scene_of)

@@ -140,7 +140,7 @@ def test_a_layer_of_another_distribution_has_not_the_correlation_of_nataf():
     drawn = "[ground]\nsurface = [[0, 10], [8, 10], [16, 2], [32, 2]]\n" + SAND[SAND.index("[soil]") :] + CORRELATED
     layer = '[[layer]]\nname = "loose"\ndepth = 2.0\ncohesion = { cov = 0.6 }\n[[layer]]\nname = "dense"\n'
     assert parse(drawn + layer).site.layers[0].random["cohesion"].cov == 0.6
-    with pytest.raises(ValueError, match=r"layer 'loose'.*cohesion has .* nataf in \[cross_correlation\]"):
+    with pytest.raises(ValueError, match=r"layer 'loose'.cohesion\] has .* nataf in \[cross_correlation\]"):
         parse(drawn + "nataf = true\n" + layer)
 
 

@@ -1,12 +1,10 @@
 """The top of a layer before a cut, from which its trend counts."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
+from benchmarks.robustness.invented import TERRAIN
 from cooperative.scene import parse, remarks
-from cooperative.scene._soil import _top_of
 from cooperative.tools import safety
 from tests.scenes import model_of
 
@@ -58,6 +56,5 @@ def test_without_it_the_face_is_the_top_and_a_remark_says_so():
 
 
 def test_points_of_a_top_are_for_a_section():
-    layer, terrain = SimpleNamespace(top=((0.0, 5.0), (9.0, 5.0))), SimpleNamespace(ground=None)
-    with pytest.raises(ValueError, match="top is a line, which is for a scene with"):
-        _top_of(layer, terrain, "layer 1")
+    with pytest.raises(ValueError, match=r"\[layer 1\] top is a line, which is for a scene with \[ground\]: give"):
+        parse(TERRAIN.replace("[soil]", "[[layer]]\ndepth = 1.0\ntop = [[0.0, 5.0], [9.0, 5.0]]\n[[layer]]\n[soil]", 1))
