@@ -16,7 +16,7 @@ from cooperative.scene import tables
 from cooperative.scene._files import toml_value
 from jaxmpm.support.files import write_aside
 
-TABLES: Mapping[str, type[tables.Keyed]] = {
+TABLES: Mapping[str, type[tables.Part]] = {
     name: table
     for name, field in tables.keys(tables.Scene).items()
     if name not in tables.STORED and (table := tables.table_in(field)) is not None
@@ -32,16 +32,16 @@ def json_schema() -> dict[str, object]:
     """JSON schema (draft 2020-12) of a scene, in which a description gives unit and default in words too."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     schema = copy.deepcopy(tables.schema_of(tables.Scene))
-    known, of_layer = schema["$defs"], "RandomFieldOfLayer"
-    known[of_layer] = copy.deepcopy(known["RandomField"])
-    del known[of_layer]["properties"]["sampled_at"], known[of_layer]["required"], known["Layer"]["required"]
-    for key in known[of_layer]["properties"].values():
+    known = schema["$defs"]
+    # A layer takes from [soil] what it leaves out.
+    layer = json.loads(json.dumps(known["Layer"]).replace("/RandomField", "/RandomFieldOfLayer"))
+    field = copy.deepcopy(known["RandomField"])
+    del field["properties"]["sampled_at"], field["required"], layer["required"]
+    inherited = [layer["properties"][name] for name in known["Soil"]["properties"]]
+    for key in (*inherited, *field["properties"].values()):
         key.pop("default", None)
         key["otherwise"] = "that of [soil]"
-    for name in known["Soil"]["properties"]:
-        key = json.loads(json.dumps(known["Layer"]["properties"][name]).replace("/RandomField", f"/{of_layer}"))
-        key.pop("default", None)
-        known["Layer"]["properties"][name] = key | {"otherwise": "that of [soil]"}
+    known |= {"Layer": layer, "RandomFieldOfLayer": field}
     return {**head, **_plain(schema)}
 
 
@@ -70,7 +70,7 @@ def markdown() -> str:
         "`jaxmpm new` and `jaxmpm example` write it beside the scene, whose first line is",
         f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.\n",
     ]
-    explained: set[type[tables.Keyed]] = set()
+    explained: set[type[tables.Part]] = set()
     for section, table in TABLES.items():
         brackets = 2 if section in SEVERAL else 1
         own = tables.keys(tables.Scene)[section].description
@@ -95,7 +95,7 @@ def _unit(schema: tables.Schema) -> str:
     return str(schema.get("units") or tables.first_entry(schema, "unit", ""))
 
 
-def _allowed(table: type[tables.Keyed], name: str, schema: tables.Schema) -> str:
+def _allowed(table: type[tables.Part], name: str, schema: tables.Schema) -> str:
     """What a key may hold; of a table of its own, what that one's keys may."""
     inner: type | None = tables.table_in(tables.keys(table)[name])
     words = "a table" if "$ref" in schema else tables.wanted(schema)

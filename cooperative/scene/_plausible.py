@@ -120,6 +120,11 @@ def ask(name: str, value: float, plausible: Plausible | None = None, home: str =
         raise Invalid((), slip.value, "", f"{slip.remedy} {ON_PURPOSE.format(home)}")
 
 
+def _odd(path: Path, value: str | None, rule: str, question: str) -> Invalid:
+    """What is odd about a number beside others of the scene."""
+    return Invalid(path, value, rule, f"{question} {ON_PURPOSE.format('[soil]')}")
+
+
 def ask_of_ground(where: str, site: Site, displacement: float) -> None:
     """Check the heights of the ground and of its water, and the failure displacement beside its length.
 
@@ -131,36 +136,27 @@ def ask_of_ground(where: str, site: Site, displacement: float) -> None:
     Raises:
         Invalid: they betray another unit.
     """
-    meant = ON_PURPOSE.format("[soil]")
     if displacement > (longest := max(site.shape.extent)):
-        raise Invalid(
-            ("run", "failure_displacement"), f"{displacement:g} m, while the ground is {longest:g} m long", "",
-            f"were mm or cm meant? {meant}",
-        )  # fmt: skip
+        beside = f"{displacement:g} m, while the ground is {longest:g} m long"
+        raise _odd(("run", "failure_displacement"), beside, "", "were mm or cm meant?")
     base, top = site.span
     if site.height > HIGHEST:
-        raise Invalid(
-            (where,), None, f"has heights z up to {top:g} m and a slope {site.height:g} m high, above {HIGHEST:g} m",
-            f"were mm or cm meant? {meant}",
-        )  # fmt: skip
+        rule = f"has heights z up to {top:g} m and a slope {site.height:g} m high, above {HIGHEST:g} m"
+        raise _odd((where,), None, rule, "were mm or cm meant?")
     if site.water is None or (water := site.water_table) is None:
         return
     path = ("water", next(key.name for key in fields(site.water) if getattr(site.water, key.name) is not None))
     heights = water.heights if isinstance(water, Raster) else np.atleast_2d(water)[:, -1]
     low, high = np.nanmin(heights, initial=math.inf), np.nanmax(heights, initial=-math.inf)
     if math.isfinite(low) and low - top > DEEPEST_POOL * (top - base):
-        raise Invalid(
-            path, None,
+        rule = (
             f"stands {low - top:g} m above the ground's highest point at {top:g} m, more than {DEEPEST_POOL:g} times "
-            f"its height of {top - base:g} m",
-            f"were cm or mm meant, or heights from another zero? {meant}",
-        )  # fmt: skip
+            f"its height of {top - base:g} m"
+        )
+        raise _odd(path, None, rule, "were cm or mm meant, or heights from another zero?")
     if math.isfinite(high) and high < base:
-        raise Invalid(
-            path, None,
-            f"lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing",
-            f"leave [water] out, or give heights from the same zero as those of the ground. {meant}",
-        )  # fmt: skip
+        rule = f"lies below the base at {base:g} m everywhere, at {high:g} m and lower, and wets nothing"
+        raise _odd(path, None, rule, "leave [water] out, or give heights from the same zero as those of the ground.")
 
 
 WEAKEST, STRONGEST = 0.3, 30.0
@@ -179,9 +175,8 @@ def ask_of_record(motion: Motion) -> None:
     peak = float(np.abs(motion.acceleration).max())
     if 0 < peak < WEAKEST or peak > STRONGEST:
         name = next(name for name, factor in ACCELERATIONS.items() if factor == motion.record_unit)
-        raise Invalid(
-            ("motion", "record"), None,
+        rule = (
             f"reaches {peak:.3g} m/s2 by record_unit = {name!r}, {peak / STANDARD_GRAVITY:.2g} times gravity, and "
-            f"{WEAKEST:g} to {STRONGEST:g} m/s2 are usual",
-            f"was another unit meant? {ON_PURPOSE.format('[soil]')}",
-        )  # fmt: skip
+            f"{WEAKEST:g} to {STRONGEST:g} m/s2 are usual"
+        )
+        raise _odd(("motion", "record"), None, rule, "was another unit meant?")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cooperative.measure import Track
-from cooperative.scene.tables import CONTACT, LIMITS, RandomField, RandomLevel, Span, Water
-from jaxmpm import Discretisation, Ground, Layer, Raster, Scene, State, ground
+from cooperative.scene.tables import CONTACT, LIMITS, RandomField, RandomLevel, Span, Surface, Water
+from jaxmpm import Discretisation, Ground, Layer, Scene, State, ground
 from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.text import shown
@@ -92,7 +92,7 @@ class Site:
     pressure: Resting | None = None
 
     @cached_property
-    def water_table(self) -> float | tuple[tuple[float, float], ...] | Raster | None:
+    def water_table(self) -> Surface | None:
         """Its level (m), points (x, z) m or heights (m), at the mean of a random level; None without."""
         return None if self.water is None else self.water.surface(self.shape)
 

@@ -9,10 +9,10 @@ from typing import Any, cast
 from cooperative.scene import tables
 from cooperative.scene._plausible import ON_PURPOSE, Path, ask, fields_of
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene.tables import FRICTIONAL, LIMITS, OF_CLAY, OF_FRICTION, UNDRAINED, RandomField, Span
+from cooperative.scene.tables import LIMITS, RandomField, Span, is_frictional
+from cooperative.store import table_of
 from jaxmpm import FrictionalSoil, Layer, Raster, Soil
 from jaxmpm.support.check import Gathered, Invalid, at
-from jaxmpm.support.text import shown
 
 SOFTENED_BY = {
     "residual_ratio": ("softening_modulus", "strain_95"),
@@ -53,7 +53,7 @@ def soils_of(
         with gathered.of(), at("run", "gravity"):
             ask("gravity", scene.run.gravity)
     table, soil, random = scene.whole_soil, None, cast(Random, {})
-    if table is not None and not (scene.layer and tables.kind_of(table.values) is None):
+    if table is not None and not (scene.layer and is_frictional(table.values) is None):
         with gathered.of():
             strength = ("strength",) if scene.strength is not None else None
             soil, random = _soil_of(table, SOIL, ground, of_strength=strength)
@@ -87,8 +87,8 @@ def _soil_of(
         return of_strength if of_strength and parameter == "strength" else (*where, parameter)
 
     gathered, random = Gathered(), cast(Random, {})
-    with gathered.of():
-        _check_kind(values, where, path)
+    with gathered.of(), at(*where):
+        table.check_kind(home)
     with gathered.of():
         random = fields_of(
             {name: value for name, value in values.items() if name in LIMITS}, path, span=ground.span,
@@ -102,7 +102,8 @@ def _soil_of(
     def path(parameter: str) -> Path:
         return of_strength if of_strength and parameter == "strength" else (*where, parameter)
 
-    _check_kind(values, where, path)
+    with at(*where):
+        table.check_kind(home)
     random = fields_of(
         {name: value for name, value in values.items() if name in LIMITS}, path, span=ground.span,
         downhill=getattr(ground.shape, "downhill", 1), home=home, unusual=table.unusual,
@@ -124,23 +125,12 @@ def _layer_of(scene: tables.Scene, number: int, given: Mapping[str, object], ran
     `_soil_of` does, and for what a layer cannot have.
     """
     table, where = scene.layer[number], ("layer", number)
-    own = {name: value for name, value in given.items() if name in LIMITS and isinstance(value, dict)}
-    for name, value in own.items():
-        if table.rock:
-            raise Invalid(where, None, f"is rock, which has no {name} to vary", "leave that table out")
-        if "sampled_at" in value:
-            remedy = "give it in the table of [soil]"
-            raise Invalid((*where, name, "sampled_at"), shown(value["sampled_at"]), "is that of all layers", remedy)
-        alone = [key for key in (*tables.OF_A_FIELD, *tables.OF_A_MEASURED_FIELD) if key in value]
-        if alone and "length" not in value:
-            rule = f"has {alone[0]}, which is of a field of its own"
-            raise Invalid((*where, name), None, rule, "give its length here too")
     stops: tuple[str, ...] = ()
     if table.rock:
         soil, varying = _rock(table), cast(Random, {})
     else:
         soil, varying = _soil_of(table, where, ground)
-        stops = tuple(name for name in varying if "length" in own.get(name, {}))
+        stops = tuple(name for name in varying if "length" in table_of(given, name))
     for name, field in varying.items():
         if name not in stops:
             _check_through(scene, (*where, name), field, random.get(name))
@@ -176,43 +166,11 @@ def _means(values: Mapping[str, Any]) -> dict[str, Any]:
 def _rock(table: tables.Layer) -> Soil | FrictionalSoil:
     """Soil like that of the table at its means that does not yield: its strength is its Young's modulus."""
     values = _means(table.values) | {"unusual": True}
-    kind = tables.kind_of(values)
+    frictional = is_frictional(values)
     values = {name: value for name, value in values.items() if name not in ("strength_ratio", "strength_minimum")}
-    if kind is not None:
-        values["strength" if kind == UNDRAINED else "cohesion"] = values["young"]
+    if frictional is not None:
+        values["cohesion" if frictional else "strength"] = values["young"]
     return _built(values)
-
-
-def _check_kind(values: Mapping[str, object], where: Path, path: PathOf) -> None:
-    """Clay has a strength, other soil cohesion and friction; Invalid for what has no effect."""
-    frictional = [name for name in ("cohesion", "friction") if name in values]
-    undrained = [name for name in ("strength", "strength_ratio") if name in values]
-    if frictional and undrained:
-        raise Invalid(
-            path(frictional[0]), None, f"is given beside a {undrained[0]}",
-            "undrained soil has a strength, other soil cohesion and friction; leave one of them out",
-        )  # fmt: skip
-    if len(undrained) == 2:
-        remedy = "leave one of them out"
-        raise Invalid(path("strength_ratio"), None, "is given beside a strength, in whose place it is", remedy)
-    if ("strength_ratio" in undrained) != ("strength_minimum" in values):
-        lacking, beside = ("minimum", "ratio") if undrained == ["strength_ratio"] else ("ratio", "minimum")
-        raise Invalid(
-            where, None, f"lacks strength_{lacking}, which goes with strength_{beside}",
-            "add it; at the surface, where the stress is 0, soil has its strength_minimum (Pa)",
-        )  # fmt: skip
-    if not frictional and not undrained:
-        of_scene = "add [strength] with mean, cov and length, or cohesion and friction to [soil]"
-        of_layer = "add strength for undrained soil, or cohesion and friction, here or to [soil]"
-        remedy = of_scene if where == SOIL else of_layer
-        raise Invalid(where, None, "has neither a strength nor cohesion and friction", remedy)
-    if len(frictional) == 1:
-        lacking = {"cohesion": "friction", "friction": "cohesion"}[frictional[0]]
-        raise Invalid(where, None, f"lacks {lacking}, which goes with {frictional[0]}", "add it")
-    kind = "soil with cohesion and friction" if frictional else "undrained soil"
-    for name in OF_CLAY if frictional else OF_FRICTION:
-        if name in values:
-            raise Invalid(path(name), None, f"has no effect in {kind}", "leave it out")
 
 
 def _check_saturated(values: Mapping[str, Any], random: Random, path: PathOf, home: str) -> None:
@@ -259,6 +217,6 @@ def _check_friction(values: Mapping[str, Any], random: Random, span: Span, path:
 
 def _built(values: Mapping[str, Any]) -> Soil | FrictionalSoil:
     """The soil of these numbers; what is not among them is left to the solver's defaults."""
-    kind: type[Soil | FrictionalSoil] = FrictionalSoil if tables.kind_of(values) == FRICTIONAL else Soil
+    kind: type[Soil | FrictionalSoil] = FrictionalSoil if is_frictional(values) else Soil
     names = {field.name for field in fields(kind)}
     return kind(**{name: value for name, value in values.items() if name in names})

@@ -30,7 +30,7 @@ from cooperative.store import (
 )
 from jaxmpm.support.text import shown
 
-T = TypeVar("T")
+T = TypeVar("T", bound=tables.Part)
 
 
 def campaign_of(store: Store, estimator: Estimator | None = None) -> Campaign:

@@ -33,7 +33,7 @@ class Path:
     """
 
     keys: Keys
-    owner: type[tables.Keyed]
+    owner: type[tables.Part]
 
     @property
     def key(self) -> str:
@@ -73,7 +73,7 @@ def path_of(scene: Mapping[str, object], name: str) -> Path:
     if parts[0] in FIXED:
         raise ValueError(f"{shown(name)} is no key that samples in common can differ in: leave it out")
     keys: Keys = ()
-    owner: type[tables.Keyed] = tables.Scene
+    owner: type[tables.Part] = tables.Scene
     left = list(parts)
     while left:
         key = left.pop(0)
@@ -197,7 +197,7 @@ def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
             yield from _paths(table, prefix)
 
 
-def _paths(table: type[tables.Keyed], prefix: str) -> Iterator[str]:
+def _paths(table: type[tables.Part], prefix: str) -> Iterator[str]:
     for key, field in tables.keys(table).items():
         yield f"{prefix}.{key}"
         inner = tables.table_in(field)

@@ -1,14 +1,13 @@
 """The tables of a scene, each declared once: type, unit, range, default, meaning and example of every key."""
 
 from cooperative.scene.tables._campaign import Grid, Plan, PlanAndEstimator
-from cooperative.scene.tables._ground import Ground, Interface, Slope, Terrain, Water
+from cooperative.scene.tables._ground import Ground, Interface, Slope, Surface, Terrain, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import EXTRAS, FromScript, Part, keys, made, table
 from cooperative.scene.tables._level import RandomLevel
 from cooperative.scene.tables._motion import AXES, Motion
 from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
 from cooperative.scene.tables._reading import (
-    Keyed,
     Schema,
     first_entry,
     in_words,
@@ -21,17 +20,7 @@ from cooperative.scene.tables._reading import (
 from cooperative.scene.tables._run import CFL, Run
 from cooperative.scene.tables._scene import SITES, STORED, Scene
 from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, Seepage
-from cooperative.scene.tables._soil import (
-    FRICTIONAL,
-    OF_A_FIELD,
-    OF_A_MEASURED_FIELD,
-    OF_CLAY,
-    OF_FRICTION,
-    UNDRAINED,
-    Layer,
-    Soil,
-    kind_of,
-)
+from cooperative.scene.tables._soil import Layer, Soil, is_frictional
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured
 from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep
 from cooperative.scene.tables._varying import (
@@ -54,19 +43,13 @@ __all__ = [
     "CONTACT",
     "CORRELATIONS",
     "EXTRAS",
-    "FRICTIONAL",
     "LIMITS",
     "MARGINALS",
     "MOST_RUNS",
-    "OF_A_FIELD",
-    "OF_A_MEASURED_FIELD",
-    "OF_CLAY",
-    "OF_FRICTION",
     "RECORDS",
     "SITES",
     "STORED",
     "TAIL",
-    "UNDRAINED",
     "Bedding",
     "Budget",
     "Calibration",
@@ -80,7 +63,6 @@ __all__ = [
     "HydraulicLayer",
     "Hydraulics",
     "Interface",
-    "Keyed",
     "Layer",
     "LimitLoad",
     "LongerSlides",
@@ -100,14 +82,15 @@ __all__ = [
     "Slope",
     "Soil",
     "Span",
+    "Surface",
     "Sweep",
     "Terrain",
     "Water",
     "check_cross_correlation",
     "first_entry",
     "in_words",
+    "is_frictional",
     "keys",
-    "kind_of",
     "made",
     "parts",
     "read",

@@ -234,6 +234,10 @@ class Terrain(_OnBase):
         return self
 
 
+Surface = float | tuple[tuple[float, float], ...] | mpm.Raster
+"""Level (m), points (x, z) m or heights (m) of a water table."""
+
+
 @table
 class Water(Part):
     """Water in drawn ground (`[ground]`) or a terrain, and above it: one of these keys.
@@ -277,15 +281,14 @@ class Water(Part):
         """Its level where that is drawn with each sample."""
         return self.level if isinstance(self.level, RandomLevel) else None
 
-    def surface(self, shape: mpm.Ground) -> float | tuple[tuple[float, float], ...] | mpm.Raster | None:
-        """Level (m), points (x, z) m or heights (m) of the water table, at the mean of a random level.
+    def surface(self, shape: mpm.Ground) -> Surface | None:
+        """Its table, at the mean of a random level; None of r_u.
 
         Args:
             shape: of the ground, a section or a terrain.
         """
         if self.depth is not None:
-            surface: tuple[tuple[float, float], ...] | mpm.Raster = cast(Any, shape).lowered(self.depth)
-            return surface
+            return cast(Surface, cast(Any, shape).lowered(self.depth))
         level = self.level.mean if isinstance(self.level, RandomLevel) else self.level
         return next((value for value in (level, self.table, cast(Any, self.raster)) if value is not None), None)
 
@@ -296,9 +299,9 @@ class Water(Part):
             by: m.
             shape: of the ground.
         """
+        surface = self.surface(shape)
         if self.random is not None:
             return Water(self.random.raised(by))
-        surface = self.surface(shape)
         if isinstance(surface, mpm.Raster):
             return Water(raster=replace(surface, heights=np.asarray(surface.heights) + by))
         if isinstance(surface, tuple):

@@ -75,7 +75,10 @@ class Part:
     @validates("*", mode="before")
     @classmethod
     def _plain(cls, value: object) -> object:
-        return in_64_bits(plain(value))
+        value = plain(value)
+        if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in leaves(value)):
+            raise Invalid((), None, "is a whole number beyond 64 bits", "give a smaller one")
+        return value
 
 
 @dataclass_transform(frozen_default=True)
@@ -134,13 +137,6 @@ def plain(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     return [plain(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-def in_64_bits(value: T) -> T:
-    """The value; Invalid for a whole number in it that has more bits."""
-    if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in leaves(value)):
-        raise Invalid((), None, "is a whole number beyond 64 bits", "give a smaller one")
-    return value
 
 
 def leaves(value: object) -> Iterator[object]:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
-from typing import Any, ClassVar, Protocol, TypeGuard, TypeVar, cast, get_args, get_origin
+from typing import Any, TypeVar, get_args
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
@@ -17,7 +17,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails
 from pydantic_core.core_schema import NullableSchema, WithDefaultSchema
 
-from cooperative.scene.tables._key import keys
+from cooperative.scene.tables._key import Part, keys
 from jaxmpm.support.check import Faults, Invalid, Limit
 from jaxmpm.support.text import shown
 
@@ -28,15 +28,16 @@ NAMED = 20
 
 RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 CHOICE = ("choice", "literal_error")
-UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
-NO_TABLE = ("model_type", "dataclass_type", "dataclass_exact_type")
+UNKNOWN = "unexpected_keyword_argument"
+NO_TABLE = ("dataclass_type", "dataclass_exact_type")
 KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list", dict: "a table"}
 """What a value of TOML is, in words."""
 
 T = TypeVar("T")
+P = TypeVar("P", bound=Part)
 
 
-def read(table: type[T], values: object, where: str = "", *, files: object = None) -> T:
+def read(table: type[P], values: object, where: str = "", *, files: object = None) -> P:
     """A table from its values, as TOML or JSON has them.
 
     Args:
@@ -52,10 +53,10 @@ def read(table: type[T], values: object, where: str = "", *, files: object = Non
     try:
         return TypeAdapter(table).validate_python(values, context=files)
     except ValidationError as error:
-        raise Faults(_faults(cast(type[Keyed], table), values, where, error)) from None
+        raise Faults(_faults(table, values, where, error)) from None
 
 
-def refusal(table: type, values: Mapping[str, object], error: ValidationError) -> ValueError:
+def refusal(table: type[Part], values: Mapping[str, object], error: ValidationError) -> ValueError:
     """Why Python cannot make a part of a campaign.
 
     Args:
@@ -63,11 +64,11 @@ def refusal(table: type, values: Mapping[str, object], error: ValidationError) -
         values: by key, as Python gave them.
         error: of pydantic.
     """
-    return Faults(_faults(cast(type[Keyed], table), values, "", error))
+    return Faults(_faults(table, values, "", error))
 
 
 @contextmanager
-def in_words(table: type[Keyed], values: object) -> Iterator[None]:
+def in_words(table: type[Part], values: object) -> Iterator[None]:
     """Name the key of what is refused inside, and the tables around it.
 
     Args:
@@ -91,12 +92,6 @@ def in_words(table: type[Keyed], values: object) -> Iterator[None]:
         raise worded(error) from error
 
 
-class Keyed(Protocol):
-    """A model or a dataclass of pydantic."""
-
-    __pydantic_fields__: ClassVar[dict[str, FieldInfo]]
-
-
 @dataclass(frozen=True)
 class _Entry:
     """Where a fault lies.
@@ -108,8 +103,8 @@ class _Entry:
     path: tuple[str, ...]
     key: str
     value: object
-    inner: type[Keyed] | None
-    owner: type[Keyed] | None = None
+    inner: type[Part] | None
+    owner: type[Part] | None = None
     field: str = ""
 
     @property
@@ -131,7 +126,7 @@ class _Entry:
 
 
 def _entry_at(
-    table: type[Keyed], values: object, where: str, location: Iterable[int | str], inside: Sequence[int | str] = ()
+    table: type[Part], values: object, where: str, location: Iterable[int | str], inside: Sequence[int | str] = ()
 ) -> _Entry:
     """Where pydantic's location leads: through tables, and into the list of those of which there are several.
 
@@ -157,7 +152,7 @@ def _entry_at(
     return entry
 
 
-def _faults(table: type[Keyed], values: object, where: str, error: ValidationError) -> list[str]:
+def _faults(table: type[Part], values: object, where: str, error: ValidationError) -> list[str]:
     """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
     errors = error.errors(include_url=False)
     if any(fault["loc"][:1] != ("layer",) for fault in errors):
@@ -169,7 +164,7 @@ def _faults(table: type[Keyed], values: object, where: str, error: ValidationErr
     of_scene = False
     for fault in errors:
         kind, location = fault["type"], fault["loc"]
-        if kind in UNKNOWN:
+        if kind == UNKNOWN:
             entry = _entry_at(table, values, where, location[:-1])
             of_scene |= not entry.whole
             # What no message names needs no words.
@@ -240,7 +235,7 @@ def _kind(value: object) -> str:
     return KINDS.get(type(value), f"a {type(value).__name__}")
 
 
-def _suggestion(key: str, table: type[Keyed] | None, whole: type[Keyed]) -> str:
+def _suggestion(key: str, table: type[Part] | None, whole: type[Part]) -> str:
     """What an unknown key may stand for, in words.
 
     One that the table knows by another word, one of another table, the nearest one, or else all that are known.
@@ -257,7 +252,7 @@ def _suggestion(key: str, table: type[Keyed] | None, whole: type[Keyed]) -> str:
     return _nearest(key, keys(table)) or f"; it knows {', '.join(keys(table))}"
 
 
-def _synonyms(table: type[Keyed], key: str) -> list[str]:
+def _synonyms(table: type[Part], key: str) -> list[str]:
     """Keys of a table that are also called so, each in words."""
     named = []
     for name, field in keys(table).items():
@@ -293,9 +288,13 @@ class _Toml(GenerateJsonSchema):
         )
 
 
-@cache
-def schema_of(table: type) -> JsonSchemaValue:
+def schema_of(table: type) -> Schema:
     """JSON schema (draft 2020-12) of a table."""
+    return _schema_of(table)
+
+
+@cache
+def _schema_of(table: type) -> Schema:
     return TypeAdapter(table).json_schema(schema_generator=_Toml)
 
 
@@ -311,13 +310,9 @@ def parts(field: FieldInfo) -> Iterator[object]:
     yield from field.metadata
 
 
-def table_in(field: FieldInfo) -> type[Keyed] | None:
+def table_in(field: FieldInfo) -> type[Part] | None:
     """The table that a key may hold."""
-    return next((each for each in parts(field) if _is_table(each)), None)
-
-
-def _is_table(kind: object) -> TypeGuard[type[Keyed]]:
-    return isinstance(kind, type) and get_origin(kind) is None and hasattr(kind, "__pydantic_fields__")
+    return next((each for each in parts(field) if isinstance(each, type) and issubclass(each, Part)), None)
 
 
 def first_entry(schema: object, name: str, otherwise: T) -> T:

@@ -21,7 +21,7 @@ from cooperative.scene.tables._soil import Layer, Soil, with_soil
 from cooperative.scene.tables._stored import Calibration, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
 from cooperative.scene.tables._varying import CrossCorrelation, RandomField
-from jaxmpm.support.check import Invalid
+from jaxmpm.support.check import Invalid, at
 
 LONGEST_NAME = 200
 MOST_LAYERS = 100
@@ -78,7 +78,10 @@ class Scene(Part):
     def _layers_with_soil(cls, values: object) -> object:
         if not isinstance(values, dict) or not isinstance(layers := values.get("layer"), list):
             return values
-        return values | {"layer": [with_soil(each, values) if isinstance(each, dict) else each for each in layers]}
+        for number, layer in enumerate(layers := list(layers)):
+            with at("layer", number):
+                layers[number] = with_soil(layer, values) if isinstance(layer, dict) else layer
+        return values | {"layer": layers}
 
     @validates(mode="after")
     def _idle_keys(self) -> Self:

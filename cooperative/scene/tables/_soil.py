@@ -30,7 +30,8 @@ from jaxmpm import FrictionalSoil, PlasticStrain
 from jaxmpm import Soil as UndrainedSoil
 from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
 from jaxmpm.soil import soil_limits
-from jaxmpm.support.check import Invalid
+from jaxmpm.support.check import Invalid, at
+from jaxmpm.support.text import shown
 
 LONGEST_NAME = 200
 CRITERIA = {"mohr-coulomb": MohrCoulomb, "drucker-prager": DruckerPrager}
@@ -38,17 +39,16 @@ MATCHINGS = {matching.value: matching for matching in Matching}
 DECAYS = {decay.name.lower(): decay for decay in Decay}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 
-UNDRAINED, FRICTIONAL = "undrained", "frictional"
-STRENGTHS = {"strength", "strength_ratio", "strength_minimum"}
+STRENGTHS = ("strength", "strength_ratio", "strength_minimum")
 OF_CLAY, OF_FRICTION = (
     tuple(part.name for part in fields(kind) if part.name not in {other.name for other in fields(beside)})
     for kind, beside in ((UndrainedSoil, FrictionalSoil), (FrictionalSoil, UndrainedSoil))
 )
 """Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
-OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf")
-OF_A_MEASURED_FIELD = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov")
-"""What a layer gives only of a field of its own, which stops at it: its length at least. Measured values, and errors of
-estimates, it does not even take from another field."""
+OF_ALL_LAYERS = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov")
+"""Of a random field: measured values, and errors of estimates, which a layer does not take from another field."""
+OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf", *OF_ALL_LAYERS)
+"""What a layer gives only of a field of its own, which stops at it: its length at least."""
 
 
 def _of(parameter: str) -> Within:
@@ -57,7 +57,7 @@ def _of(parameter: str) -> Within:
 
 def _default(parameter: str) -> str:
     """The solver's default of what a scene leaves out, in words."""
-    value = getattr(UndrainedSoil, parameter, getattr(FrictionalSoil, parameter, None))
+    value: Any = getattr(UndrainedSoil, parameter, getattr(FrictionalSoil, parameter, None))
     named = {each: name for choices in (CRITERIA, MATCHINGS, DECAYS, PLASTIC_STRAINS) for name, each in choices.items()}
     return f"`{json.dumps(value if isinstance(value, bool | float) else named[value])}`"
 
@@ -190,12 +190,37 @@ class Soil(Part):
         given = {part.name: getattr(self, part.name) for part in fields(Soil)}
         return {name: value for name, value in given.items() if value is not None}
 
+    def check_kind(self, home: str) -> None:
+        """Check that clay has a strength, other soil cohesion and friction, and neither has what is the other's.
 
-def kind_of(keys_given: Collection[str]) -> str | None:
-    """Of which kind soil is that has these keys; None where none is a strength."""
-    if not {"cohesion", "friction"}.isdisjoint(keys_given):
-        return FRICTIONAL
-    return None if {"strength", "strength_ratio"}.isdisjoint(keys_given) else UNDRAINED
+        Args:
+            home: where a reader adds what lacks.
+
+        Raises:
+            Invalid: it does not.
+        """
+        values, out = self.values, "leave one of them out"
+        frictional = [name for name in ("cohesion", "friction") if name in values]
+        undrained = [name for name in ("strength", "strength_ratio") if name in values]
+        if frictional and undrained:
+            remedy = f"undrained soil has a strength, other soil cohesion and friction; {out}"
+            raise Invalid((frictional[0],), None, f"is given beside a {undrained[0]}", remedy)
+        if len(undrained) == 2:
+            raise Invalid(("strength_ratio",), None, "is given beside a strength, in whose place it is", out)
+        if ("strength_ratio" in undrained) != ("strength_minimum" in values):
+            lacking, beside = ("minimum", "ratio") if undrained == ["strength_ratio"] else ("ratio", "minimum")
+            remedy = "add it; at the surface, where the stress is 0, soil has its strength_minimum (Pa)"
+            raise Invalid((), None, f"lacks strength_{lacking}, which goes with strength_{beside}", remedy)
+        if not frictional and not undrained:
+            remedy = f"add a strength, with mean, cov and length where it varies, or cohesion and friction to {home}"
+            raise Invalid((), None, "has neither a strength nor cohesion and friction", remedy)
+        if len(frictional) == 1:
+            lacking = {"cohesion": "friction", "friction": "cohesion"}[frictional[0]]
+            raise Invalid((), None, f"lacks {lacking}, which goes with {frictional[0]}", "add it")
+        kind = "soil with cohesion and friction" if frictional else "undrained soil"
+        for name in OF_CLAY if frictional else OF_FRICTION:
+            if name in values:
+                raise Invalid((name,), None, f"has no effect in {kind}", "leave it out")
 
 
 @table
@@ -245,18 +270,41 @@ def with_soil(layer: Mapping[str, object], scene: Mapping[str, object]) -> dict[
     Args:
         layer: its table.
         scene: all tables.
+
+    Raises:
+        Invalid: tables of parameters that a layer cannot have.
     """
     soil = {**table_of(scene, "soil"), **({"strength": scene["strength"]} if "strength" in scene else {})}
-    kind, dropped = kind_of(layer.keys()), set[str]()
-    if kind not in (None, kind_of(soil.keys())):
-        # A layer of the other kind takes over what both kinds have.
-        dropped |= set(OF_CLAY if kind == FRICTIONAL else OF_FRICTION)
-    if not {"strength", "strength_ratio"}.isdisjoint(layer):
-        dropped |= STRENGTHS - layer.keys()
-    merged = {name: value for name, value in soil.items() if name in keys(Soil) and name not in dropped} | dict(layer)
+    # A layer of the other kind takes over what both kinds have.
+    frictional = is_frictional(layer)
+    other = () if frictional in (None, is_frictional(soil)) else OF_CLAY if frictional else OF_FRICTION
+    replaced = (
+        () if {"strength", "strength_ratio"}.isdisjoint(layer) else ("strength", "strength_ratio", "strength_minimum")
+    )
+    soil = {name: value for name, value in soil.items() if name in keys(Soil) and name not in other}
+    merged = {name: value for name, value in soil.items() if name not in replaced} | dict(layer)
     for name, value in layer.items():
-        field = soil.get(name)
-        if isinstance(value, dict) and isinstance(field, dict) and name not in dropped:
-            alone = OF_A_MEASURED_FIELD if "length" in value else ()
-            merged[name] = {key: each for key, each in field.items() if key not in alone} | value
+        if isinstance(value, dict) and name in keys(Soil):
+            with at(name):
+                _check_own(value, rock=layer.get("rock") is True)
+            alone = OF_ALL_LAYERS if "length" in value else ()
+            merged[name] = {key: each for key, each in table_of(soil, name).items() if key not in alone} | value
     return merged
+
+
+def is_frictional(soil: Collection[str]) -> bool | None:
+    """Whether soil of these keys has friction; None where none of them is a strength."""
+    if not {"cohesion", "friction"}.isdisjoint(soil):
+        return True
+    return None if {"strength", "strength_ratio"}.isdisjoint(soil) else False
+
+
+def _check_own(field: Mapping[str, object], *, rock: bool) -> None:
+    """Raise Invalid for a table of a layer's own that it cannot have."""
+    if rock:
+        raise Invalid((), None, "is of rock, in which nothing varies", "leave that table out")
+    if "sampled_at" in field:
+        raise Invalid(("sampled_at",), shown(field["sampled_at"]), "is that of all layers", "give it in [soil]")
+    alone = [key for key in OF_A_FIELD if key in field]
+    if alone and "length" not in field:
+        raise Invalid((), None, f"has {alone[0]}, which is of a field of its own", "give its length here too")

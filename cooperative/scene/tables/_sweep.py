@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from annotated_types import Ge
 from pydantic import AfterValidator, Field
@@ -79,7 +79,7 @@ class Sweep(_WithPaths):
         'Stopping rules of `"published"`, all evaluated from one campaign with the largest.', [2, 5, 10], None,
         otherwise="not varied",
     )  # fmt: skip
-    paths: SkipJsonSchema[Mapping[str, object]] = key("Values of other keys, by path.", {"water.level": [2, 3]}, {})
+    paths: SkipJsonSchema[Mapping[str, Any]] = key("Values of other keys, by path.", {"water.level": [2, 3]}, {})
 
     @validates(mode="after")
     def _values(self) -> Self:
@@ -111,4 +111,4 @@ class Scenario(_WithPaths):
     """
 
     name: Annotated[str, plain_name(LONGEST_NAME)] = key("What it is called.", "berm")
-    paths: SkipJsonSchema[Mapping[str, object]] = key("New values of keys, by path.", {"water.level": 2.0}, {})
+    paths: SkipJsonSchema[Mapping[str, Any]] = key("New values of keys, by path.", {"water.level": 2.0}, {})

@@ -13,7 +13,8 @@ from cooperative.estimate import MonteCarlo, Sampling, Subset, TwoPhase
 from cooperative.example_scenes import examples
 from cooperative.scene import SEVERAL, TABLES, built, json_schema, markdown, parse, to_toml
 from cooperative.scene._page import write
-from cooperative.scene.tables import OF_FRICTION, schema_of
+from cooperative.scene.tables import schema_of
+from cooperative.scene.tables._soil import OF_FRICTION
 from cooperative.tools import sweep
 from jaxmpm.soil import soil_limits
 from tests import ROOT
