@@ -45,7 +45,7 @@ from cooperative.store import Source
 from jaxmpm import BaseMotion, Discretisation, Exceeds, FrictionalSoil, Soil, ground
 from jaxmpm.run import Rule, least_failing_volume
 from jaxmpm.soil import AnySoil
-from jaxmpm.support.check import Gathered
+from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
@@ -159,7 +159,8 @@ class Campaign(Part):
         for missing in self.missing:
             if missing.what in parts or (not parts and missing.what not in APART):
                 remedy = "give it, estimator=..." if missing.what == "estimator" else "run that script in this folder"
-                raise ValueError(f"the campaign's {missing.what} is {missing.words}, which a script gave: {remedy}")
+                rule = f"the campaign's {missing.what} is {missing.words}, which a script gave"
+                raise Invalid((), None, rule, remedy)
 
     @property
     def site(self) -> Site:
@@ -307,10 +308,10 @@ def _with_band(soil: Any, height: float) -> Any:
 
 
 def check_grids(campaign: Campaign) -> None:
-    """Check all discretisations; ValueError names the grid."""
+    """Check all discretisations; the grid of each fault is named."""
     gathered = Gathered()
     for name, grid in campaign.grids.items():
-        with gathered.of(f"[{name}] "):
+        with gathered.of(), at(name):
             ground.check_discretisation(grid, campaign.dimension)
     gathered.raise_all()
 
@@ -325,11 +326,11 @@ def check_samples(campaign: Campaign) -> None:
         ValueError: nothing varies.
     """
     if not campaign.varies:
-        raise ValueError(
-            "nothing in the scene is random, so all samples are alike: `jaxmpm slide` runs this one slope, and "
-            "`jaxmpm fos` gives its factor of safety; for a probability give at least one parameter of the soil as a "
-            "table, such as [soil.cohesion] with mean, cov and length"
-        )
+        raise Invalid(
+            (), None, "nothing in the scene is random, so all samples are alike",
+            "`jaxmpm slide` runs this one slope, and `jaxmpm fos` gives its factor of safety; for a probability give "
+            "at least one parameter of the soil as a table, such as [soil.cohesion] with mean, cov and length",
+        )  # fmt: skip
 
 
 def check_cells(campaign: Campaign) -> None:
@@ -365,31 +366,24 @@ def _check_run(campaign: Campaign) -> None:
     """Raise ValueError for what runs do that does not go with the ground and what varies in it."""
     run, plan = campaign.run, campaign.plan
     if campaign.shaking is not None and (duration := float(campaign.shaking.duration)) > run.t_end * (1 + 1e-6):
-        raise ValueError(
-            f"the motion of the base lasts {duration:g} s, beyond t_end = {run.t_end:g} s at which runs end: give "
-            f"t_end = {duration:g} or more, or cut the record"
-        )
-    own_start = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
-    own_start += [] if campaign.site.level is None else ["water level"]
-    if campaign.site.ends == "free field" and own_start:
-        raise ValueError(
-            f"{own_start[0]} varies beside ends = 'free field', whose columns have the mean soil and its stress at "
-            "rest: give it as a number, or take rollers"
-        )
+        rule = f"lasts {duration:g} s, beyond t_end = {run.t_end:g} s at which runs end"
+        raise Invalid(("the motion of the base",), None, rule, f"give t_end = {duration:g} or more, or cut the record")
+    starts = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
+    starts += [] if campaign.site.level is None else ["water level"]
+    if campaign.site.ends == "free field" and starts:
+        rule = "varies beside ends = 'free field', whose columns have the mean soil and its stress at rest"
+        raise Invalid((starts[0],), None, rule, "give it as a number, or take rollers")
     if run.slides_t_end is not None and plan.slides == 0:
-        raise ValueError(
-            f"slides_t_end = {run.slides_t_end:g} s has no effect beside slides = 0, which asks for no slides: leave "
-            "one of them out"
-        )
+        rule = "has no effect beside slides = 0, which asks for no slides"
+        raise Invalid(("slides_t_end",), f"{run.slides_t_end:g} s", rule, "leave one of them out")
     volume = ground.volume(campaign.site.shape)
     if campaign.failing_volume is not None and campaign.failing_volume >= volume:
-        raise ValueError(
-            f"least_volume = {campaign.least_volume}: give more than 0 and less than the ground's {volume:.4g}"
-        )
+        remedy = f"give more than 0 and less than the ground's {volume:.4g}"
+        raise Invalid(("least_volume",), campaign.least_volume, "", remedy)
     if plan.screening_stop is not None and "rough" in campaign.modes:
-        raise ValueError(
-            f"screening_stop = {plan.screening_stop:g} m ends rough runs before their mode shows: leave it out, or ask "
-            "for modes of the refined grid alone"
+        remedy = "leave it out, or ask for modes of the refined grid alone"
+        raise Invalid(
+            ("screening_stop",), f"{plan.screening_stop:g} m", "ends rough runs before their mode shows", remedy
         )
 
 
@@ -397,11 +391,12 @@ def _check_fields(campaign: Campaign) -> None:
     """Raise ValueError for fields that do not go with the ground, its layers or each other."""
     gathered, dimension = Gathered(), campaign.dimension
     for layer in campaign.site.layers:
-        with gathered.of(f"{layer.label}: "):
-            _check_own_fields(campaign, layer)
+        with gathered.of():
+            _check_fields_of(campaign, layer)
     for name, varies in campaign.random.items():
         if len(varies.length) != dimension:
-            gathered.faults.append(f"length of {name} has {len(varies.length)} values: give {dimension}, one per axis")
+            rule = f"has a length of {len(varies.length)} values"
+            gathered.faults.append(Invalid((name,), None, rule, f"give {dimension}, one per axis"))
     gathered.raise_all()
     if campaign.cross_correlation is not None:
         with gathered.of():
@@ -414,12 +409,12 @@ def _check_sizes_of_cells(campaign: Campaign) -> None:
     """Raise ValueError for grids of which a finer one has larger cells, and for a coarse one without its samples."""
     plan = campaign.plan
     if (campaign.coarse is None) != (plan.rough_samples is None):
-        raise ValueError(f"rough_samples = {plan.rough_samples}, coarse = {campaign.coarse}: give both, or neither")
+        has, lacks = ("a coarse grid", "rough_samples")[:: 1 if campaign.coarse else -1]
+        raise Invalid(("the campaign",), None, f"has {has} without {lacks}", "give both, or neither")
     for (wide, large), (fine, small) in pairwise((name, grid.cell) for name, grid in campaign.grids.items()):
         if small > large or (wide == "coarse" and small == large):
-            raise ValueError(
-                f"the {wide} grid has cells of {large:g} m, the {fine} one of {small:g} m: give [{wide}] larger cells"
-            )
+            rule = f"has cells of {large:g} m, the {fine} one of {small:g} m"
+            raise Invalid((f"the {wide} grid",), None, rule, f"give [{wide}] larger cells")
 
 
 def check_moving(campaign: Campaign) -> None:
@@ -466,10 +461,8 @@ def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:
     keys = [element.key for element in elements]
     for element in elements:
         if not element.key or keys.count(element.key) > 1:
-            raise ValueError(
-                f"[[exposed]] name = {element.name!r} is there {keys.count(element.key)} times as {element.key!r}: "
-                "give each its own, with letters or digits"
-            )
+            rule = f"is there {keys.count(element.key)} times as {element.key!r}"
+            raise Invalid(("exposed", "name"), repr(element.name), rule, "name each otherwise, with letters or digits")
 
 
 def _check_weights(campaign: Campaign) -> None:
@@ -484,20 +477,20 @@ def _check_weights(campaign: Campaign) -> None:
     for name, varies in every:
         least = varies.extremes(site.span)[0]
         if least <= ground.WATER_WEIGHT:
-            raise ValueError(
-                f"{name} comes down to {least:.4g} N/m3, {TAIL:g} deviations from the middle, no more than the "
-                f"{ground.WATER_WEIGHT:g} of the water in the ground, in which soil then floats: give a smaller cov, "
-                "or marginal = 'truncated normal' with lower and upper"
-            )
+            raise Invalid(
+                (name,), None,
+                f"comes down to {least:.4g} N/m3, {TAIL:g} deviations from the middle, no more than the "
+                f"{ground.WATER_WEIGHT:g} of the water in the ground, in which soil then floats",
+                "give a smaller cov, or marginal = 'truncated normal' with lower and upper",
+            )  # fmt: skip
 
 
-def _check_own_fields(campaign: Campaign, layer: SiteLayer) -> None:
+def _check_fields_of(campaign: Campaign, layer: SiteLayer) -> None:
     """Raise ValueError for fields that stop at a layer and have not its axes, or correlate with others that do not."""
     for name in layer.own:
         if len(layer.random[name].length) != campaign.dimension:
-            raise ValueError(
-                f"{name} length has {len(layer.random[name].length)} values: give {campaign.dimension}, one per axis"
-            )
+            rule = f"has a length of {len(layer.random[name].length)} values"
+            raise Invalid((f"{layer.label}: {name}",), None, rule, f"give {campaign.dimension}, one per axis")
     if campaign.cross_correlation is None:
         return
     together = campaign.cross_correlation.parameters
@@ -505,11 +498,10 @@ def _check_own_fields(campaign: Campaign, layer: SiteLayer) -> None:
     if len(through) == len(together):
         return
     if through:
-        raise ValueError(
-            f"{', '.join(through)} has no field of its own here, and {', '.join(layer.own)}, with which it correlates, "
-            "has: give a length to all of them, or to none"
-        )
-    check_cross_correlation(campaign.cross_correlation, layer.random)
+        rule = f"has a field of {', '.join(layer.own)} alone, and not of {', '.join(through)}, with which it correlates"
+        raise Invalid((layer.label,), None, rule, "give a length to all of them, or to none")
+    with at(layer.label):
+        check_cross_correlation(campaign.cross_correlation, layer.random)
 
 
 def _check_boreholes(campaign: Campaign, gathered: Gathered) -> None:
@@ -523,46 +515,48 @@ def _check_boreholes(campaign: Campaign, gathered: Gathered) -> None:
         if varies.boreholes is None or not any(name in each.own for each in layers):
             continue
         positions = np.array([row[:-1] for row in varies.boreholes], float).T
-        at = campaign.site.layer_of(positions, campaign.grids["refined"])
-        assert at is not None  # there are layers
-        own = np.array([name in each.own for each in layers])[at]
-        foreign = np.flatnonzero(np.where(own, at, -1) != (-1 if number is None else number))
+        of_layer = campaign.site.layer_of(positions, campaign.grids["refined"])
+        assert of_layer is not None  # there are layers
+        stops = np.array([name in layer.own for layer in layers])[of_layer]
+        foreign = np.flatnonzero(np.where(stops, of_layer, -1) != (-1 if number is None else number))
         if foreign.size:
-            gathered.faults.append(_of_other_ground(campaign, name, positions[:, foreign], at[foreign]))
+            gathered.faults.append(_of_other_ground(campaign, name, positions[:, foreign], of_layer[foreign]))
 
 
 MOST_ROWS = 5
 """Borehole values that a message names."""
 
 
-def _of_other_ground(campaign: Campaign, name: str, positions: np.ndarray, layer: np.ndarray) -> str:
-    """Where measured values lie that do not belong to their field, in words.
+def _of_other_ground(campaign: Campaign, name: str, positions: np.ndarray, layer: np.ndarray) -> Invalid:
+    """Measured values that do not belong to their field, and where they lie.
 
     positions: of these values (d, n) m. layer: the number of the layer that each is in, or is nearest to (n,).
     """
     shape = campaign.site.shape
     surface, base = shape.heights(*positions[:-1]), shape.corner[-1]
     lines = []
-    for at, top, number in zip(positions.T[:MOST_ROWS], surface, layer, strict=False):
-        axes = zip("xy", shape.corner, shape.extent, at[:-1], strict=False)
+    for point, top, number in zip(positions.T[:MOST_ROWS], surface, layer, strict=False):
+        axes = zip("xy", shape.corner, shape.extent, point[:-1], strict=False)
         ends = [(axis, low, low + edge, x) for axis, low, edge, x in axes]
         beyond = [f"{axis} from {low:g} to {high:g} m" for axis, low, high, x in ends if not low <= x <= high]
         if beyond:
             where = f"beyond the walls of the ground, {', '.join(beyond)}"
-        elif at[-1] > top:
+        elif point[-1] > top:
             where = f"above the ground, whose surface is at {top:.4g} m there"
-        elif at[-1] < base:
+        elif point[-1] < base:
             where = f"below the base of the ground at {base:g} m"
         else:
             where = f"in {campaign.site.layers[number].name}"
-        lines.append(f"at {[float(f'{x:.10g}') for x in at]} m {where}")
+        lines.append(f"at {[float(f'{x:.10g}') for x in point]} m {where}")
     count = positions.shape[1]
     more = f"; and {count - MOST_ROWS} more" if count > MOST_ROWS else ""
     subject = "1 borehole value" if count == 1 else f"{count} borehole values"
-    return (
-        f"{subject} of {name} in ground to whose field they do not belong: {'; '.join(lines)}{more}. Leave out what is "
-        "outside the ground, and give the others to the field of their layer, or to one that goes through it"
-    )
+    return Invalid(
+        (name,), None,
+        f"has {subject} in ground to whose field they do not belong, {'; '.join(lines)}{more}",
+        "leave out what is outside the ground, and give the others to the field of their layer, or to one that goes "
+        "through it",
+    )  # fmt: skip
 
 
 def check_failure(campaign: Campaign) -> None:
@@ -575,7 +569,5 @@ def check_failure(campaign: Campaign) -> None:
     if run.failure == "limit load" and campaign.measured.limit_load is None:
         return  # not known yet
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
-        raise ValueError(
-            f"screening_stop = {plan.screening_stop:g} m is below the failure displacement of "
-            f"{run.failure_displacement:g} m: give more, or leave it out"
-        )
+        rule = f"is below the failure displacement of {run.failure_displacement:g} m"
+        raise Invalid(("screening_stop",), f"{plan.screening_stop:g} m", rule, "give more, or leave it out")

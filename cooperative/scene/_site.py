@@ -14,6 +14,7 @@ from cooperative.scene.tables import CONTACT, LIMITS, RandomField, RandomLevel, 
 from jaxmpm import Discretisation, Ground, Layer, Scene, State, ground
 from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
@@ -283,16 +284,18 @@ def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
     for each in site.soils(soil):
         saturated = getattr(each.soil, "saturated_unit_weight", None)
         if saturated is not None and site.water_table is None and not moves:
-            why = (
-                "without water in the ground: give the water's level, table, raster or depth"
+            why, remedy = (
+                ("without water in the ground", "give the water's level, table, raster or depth")
                 if site.r_u is None
-                else "beside r_u, which has no water table: let unit_weight be that of soil and its water"
+                else ("beside r_u, which has no water table", "let unit_weight be that of soil and its water")
             )
-            raise ValueError(f"saturated_unit_weight = {saturated:g} N/m3 has no effect {why}, or leave it out")
+            rule, remedy = f"has no effect {why}", f"{remedy}, or leave it out"
+            raise Invalid(("saturated_unit_weight",), f"{saturated:g} N/m3", rule, remedy)
     ratios = [each.ratio for each in site.by_stress(soil) or () if each is not None]
     if ratios and site.water is None:
-        raise ValueError(
-            f"strength_ratio = {ratios[0]:g} without water in the ground, whose table the effective stress depends on: "
-            f"draw the slope as a section, and give water a level, table or depth, or r_u; level = {site.span[0]:g}, "
-            "that of the base, is dry soil"
-        )
+        raise Invalid(
+            ("strength_ratio",), f"{ratios[0]:g}",
+            "without water in the ground, whose table the effective stress depends on",
+            "draw the slope as a section, and give water a level, table or depth, or r_u; level = "
+            f"{site.span[0]:g}, that of the base, is dry soil",
+        )  # fmt: skip

@@ -120,7 +120,7 @@ class _Entry:
         return "the scene" if self.inner is None or self.inner.__name__ == "Scene" else self.inner.__name__
 
     def __str__(self) -> str:
-        if self.inner is not None and (isinstance(self.value, Mapping) or not self.key):
+        if self.inner is not None and (isinstance(self.value, Mapping | Part) or not self.key):
             return self.section
         return f"[{'.'.join(self.path)}] {self.key}" if self.path else self.key
 

@@ -100,14 +100,6 @@ class Scene(Part):
             )  # fmt: skip
         return self
 
-    @validates(mode="after")
-    def _coarse_grid(self) -> Self:
-        """A coarse grid and the number of samples that go on from it are given together."""
-        if (self.coarse is None) != (self.campaign.rough_samples is None):
-            given, lacks = ("[coarse]", "[campaign] rough_samples") if self.coarse else ("rough_samples", "[coarse]")
-            raise Invalid((), None, f"has {given} without {lacks}", "give both, or neither")
-        return self
-
     @property
     def whole_soil(self) -> Soil | None:
         """That of `[soil]`, with the strength of `[strength]`."""

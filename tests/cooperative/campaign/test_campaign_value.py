@@ -98,7 +98,7 @@ def test_ground_alone_is_a_site_and_the_soil_has_the_means_of_what_varies():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"length of strength has 1 values: give 2"),
+        ({"random": {"strength": RandomField(30e3, 0.4, (20.0,))}}, r"strength has a length of 1 values: give 2"),
         ({"run": Run(slides_t_end=30.0), "plan": Plan(samples=6, slides=0)}, "has no effect beside slides = 0"),
         ({"run": Run(least_volume=1e6)}, "least_volume = 1e[+]06 m2: give more than 0 and less than"),
         ({"plan": Plan(samples=6, screening_stop=0.5)}, r"screening_stop = 0.5 m is below the failure displacement"),

@@ -113,8 +113,8 @@ def test_a_report_names_the_coarse_grid(done):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("rough_samples = 14\n", "", r"has \[coarse\] without \[campaign\] rough_samples"),
-        ("[coarse]\ncell = 4.0\nspacing = [2.0, 2.0]\n", "", r"has rough_samples without \[coarse\]"),
+        ("rough_samples = 14\n", "", r"has a coarse grid without rough_samples"),
+        ("[coarse]\ncell = 4.0\nspacing = [2.0, 2.0]\n", "", r"has rough_samples without a coarse grid"),
         ("[coarse]\ncell = 4.0", "[coarse]\ncell = 2.0", "cells of 2 m, the rough one of 2 m"),
         ("rough_samples = 14", "rough_samples = 41", "rough_samples = 41 of samples = 40: give 10 to 40"),
         ("rough_samples = 14", "rough_samples = 9", "rough_samples = 9 of samples = 40: give 10 to 40"),
