@@ -191,11 +191,11 @@ def _faults(table: type[Part], values: object, where: str, error: ValidationErro
 def _stands(values: Any, location: Iterable[int | str]) -> bool:
     """Whether the value at pydantic's location stands in tables, rather than what a layer takes from others."""
     for part in location:
-        if str(part).startswith("("):
-            continue  # which of the types of a union it is
-        if isinstance(values, Mapping) and part not in values:
-            return False
-        if isinstance(values, Mapping) or (isinstance(values, list) and isinstance(part, int)):
+        if isinstance(values, Mapping) and not str(part).startswith("("):  # which of the types of a union it is
+            if part not in values:
+                return False
+            values = values[part]
+        elif isinstance(part, int):
             values = values[part]
     return True
 

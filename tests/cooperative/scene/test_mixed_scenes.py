@@ -1,17 +1,20 @@
 """Scenes whose layers are of different kinds, each complete by itself or on top of [soil]."""
 
 import re
+import tomllib
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import cooperative
 import jaxmpm as mpm
 from benchmarks.robustness.invented import TINY
 from cooperative.runs import grid_size
-from cooperative.scene import parse
+from cooperative.scene import parse, to_toml
 from cooperative.tools.research.back_analysis import Parameters, Survey, predict
 from tests import ROOT
 from tests.scenes import model_of
@@ -127,3 +130,31 @@ def test_a_slide_in_both_kinds_is_predicted_and_its_derivative_finite():
     assert np.isfinite(value)
     assert np.isfinite(slope)
     assert slope != 0
+
+
+BARE = "[soil]\nunit_weight = 20e3\nyoung = 2e7\npoisson = 0.3\n"
+SAND = "friction = 30.0\ncohesion = { mean = 4e3, cov = 0.1, length = [16.0, 3.0] }\n"
+OF_BOTH_KINDS = {"tension_cutoff": 500.0, "softening_length": 2.5, "young": 3e7, "poisson": 0.25, "unit_weight": 19e3}
+OF_SAND = {"dilation": 5.0, "softening_strain": 0.2, "residual_cohesion": 1e3, "residual_friction": 12.0}
+NUMBERS = st.dictionaries(st.sampled_from(sorted(OF_BOTH_KINDS | OF_SAND)), st.floats(0.5, 0.9), max_size=5)
+
+
+@given(NUMBERS, NUMBERS)
+def test_a_layer_has_what_it_gives_and_else_what_the_soil_gives(shares, shares_of_layer):
+    """Also where the soil of the whole scene has no strength, and so is of neither kind."""
+    numbers = OF_BOTH_KINDS | OF_SAND
+    whole, own = ({name: share * numbers[name] for name, share in each.items()} for each in (shares, shares_of_layer))
+    whole = tomllib.loads(BARE)["soil"] | whole
+    layers = [{"depth": 1.0, **tomllib.loads(SAND), **own}, {"friction": 30.0, "cohesion": 9e3}]
+    scene = tomllib.loads(GROUND + TINY[TINY.index("[rough]") :])
+    soil, below = (layer.layer.soil for layer in parse(to_toml(scene | {"soil": whole, "layer": layers})).site.layers)
+    assert {name: getattr(soil, name) for name in whole | own} == whole | own
+    assert {name: getattr(below, name) for name in whole} == whole
+
+
+def test_what_is_wrong_in_the_soil_is_not_said_again_of_each_layer():
+    with pytest.raises(
+        ValueError, match=r"^\[layer 'clay'\] depth = -1 m: .*; \[soil\] poisson = 0.7: give"
+    ) as refused:
+        parse(OVER.replace("poisson = 0.3", "poisson = 0.7", 1).replace('name = "clay"', 'name = "clay"\ndepth = -1.0'))
+    assert str(refused.value).count("poisson") == 1
