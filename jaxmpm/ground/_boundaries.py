@@ -28,6 +28,10 @@ UPRIGHT = 1e-7
 """Largest distance by which an upright face turns back from rounding, as a share of a line's length."""
 
 
+ON_STEP = 5e-10
+"""Distance from an upright step within which a point lies on it, as a share of a line's length; `knots` are farther."""
+
+
 TOUCHING = 0.01
 """Largest distance of two lines that touch, as a share of a particle's height."""
 
@@ -51,11 +55,11 @@ class Outline(NamedTuple):
         """Height (n,) m of rigid ground at x (n,) m: of the bedrock, or of the base."""
         if self.bedrock is None:
             return np.full(np.shape(x), self.base)
-        return np.interp(x, self.bedrock[:, 0], self.bedrock[:, 1])
+        return height_of(self.bedrock, x)
 
     def heights(self, x: np.ndarray) -> np.ndarray:
         """Height (n,) m of the surface at x (n,) m."""
-        return np.interp(x, self.points[:, 0], self.points[:, 1])
+        return height_of(self.points, x)
 
 
 def points_of(name: str, line: Line | Raster) -> np.ndarray:
@@ -74,6 +78,20 @@ def points_of(name: str, line: Line | Raster) -> np.ndarray:
     points = np.column_stack([np.maximum.accumulate(points[:, 0]), points[:, 1]])
     # A point drawn twice has no slope.
     return points[np.r_[True, np.diff(points, axis=0).any(axis=1)]]
+
+
+def height_of(points: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Heights (n,) m of a line, points (m, 2), at x (n,) m; on an upright step that of its upper end.
+
+    So a line and its mirror image have the same heights, whichever way the step faces.
+    """
+    along, heights = points.T
+    upright, rounding = np.flatnonzero(np.diff(along) == 0), ON_STEP * (along[-1] - along[0])
+    result = np.interp(x, along, heights)
+    for step in np.unique(along[upright]):
+        on_step = np.abs(x - step) <= rounding
+        result = np.where(on_step, heights[along == step][[0, -1]].max(), result)
+    return result
 
 
 def between_walls(points: np.ndarray, left: float, right: float) -> np.ndarray:
@@ -104,7 +122,7 @@ def bedrock_of(line: Line | Raster, surface: np.ndarray, walls: tuple[float, flo
             f"it to the walls at x = {walls[0]:g} and {walls[1]:g} m"
         )
     x = np.unique(np.r_[points[:, 0], surface[:, 0], walls].clip(*walls))
-    check_bedrock(x[None], np.interp(x, *points.T), np.interp(x, *surface.T), base)
+    check_bedrock(x[None], height_of(points, x), height_of(surface, x), base)
     return points
 
 
@@ -211,9 +229,7 @@ def _boundary(name: str, points: np.ndarray, above: Height, ends: tuple[float, f
                 f"the {name} ends at ({x:g}, {z:g}) m, {abs(height - z):g} m {side} the boundary above it: draw it on "
                 f"to the walls at x = {ends[0]:g} and {ends[1]:g} m, or to that one, to end its layer"
             )
-    return lambda x: np.where(
-        (x < points[0, 0]) | (x > points[-1, 0]), above(x), np.interp(x, points[:, 0], points[:, 1])
-    )
+    return lambda x: np.where((x < points[0, 0]) | (x > points[-1, 0]), above(x), height_of(points, x))
 
 
 def layer_at(tops: Sequence[Height], position: np.ndarray, spacing: float) -> np.ndarray:

@@ -50,7 +50,8 @@ class WaterTable:
         slope, table = slopes[0], self.z[0] + slopes[0] * (along - self.x[0])
         for k in range(1, len(slopes)):
             change = slopes[k] - slopes[k - 1]
-            slope = slope + jnp.where(along > self.x[k], change, 0)
+            # At a point of the table the mean of both slopes: a mirror image has the same.
+            slope = slope + change * (jnp.sign(along - self.x[k]) + 1) / 2
             table = table + change * jnp.maximum(along - self.x[k], 0)
         outside = (position[0] < self.x[0]) | (position[0] > self.x[-1])
         under = self.unit_weight * jnp.clip((table - upwards) / self.height + 0.5, 0, 1)
@@ -92,10 +93,19 @@ class WaterSurface:
         outside, scaled = (scaled < 0) | (scaled > last), jnp.clip(scaled, 0, last)
         i, j = jnp.minimum(jnp.floor(scaled), last - 1).astype(jnp.int32)
         s, t = scaled[0] - i, scaled[1] - j
+        # From the points before and after: those on both sides of a point of the grid, where so the slope is the mean.
+        before = jnp.maximum(jnp.ceil(scaled) - 1, 0).astype(jnp.int32)
+        after = jnp.minimum(jnp.floor(scaled) + 1, last).astype(jnp.int32)
         h = self.heights
-        south, north = h[i, j] + s * (h[i + 1, j] - h[i, j]), h[i, j + 1] + s * (h[i + 1, j + 1] - h[i, j + 1])
-        west, east = h[i, j] + t * (h[i, j + 1] - h[i, j]), h[i + 1, j] + t * (h[i + 1, j + 1] - h[i + 1, j])
-        slope = jnp.where(outside, 0, jnp.stack([east - west, north - south]) / self.step)
-        table = south + t * (north - south)
+
+        def across(i: Array) -> Array:
+            return h[i, j] + t * (h[i, j + 1] - h[i, j])
+
+        def along(j: Array) -> Array:
+            return h[i, j] + s * (h[i + 1, j] - h[i, j])
+
+        rise = jnp.stack([across(after[0]) - across(before[0]), along(after[1]) - along(before[1])])
+        slope = jnp.where(outside, 0, rise / ((after - before) * self.step))
+        table = across(i) + s * (across(i + 1) - across(i))
         under = self.unit_weight * jnp.clip((table - position[-1]) / self.height + 0.5, 0, 1)
         return jnp.concatenate([-slope * under, under[None]])
