@@ -8,7 +8,7 @@ PIP := $(BIN)/pip install --quiet --no-compile $(if $(CONSTRAINTS),--constraint 
 # The checkout, built by what .venv holds: the kernels with the headers of its jaxlib, for this machine alone.
 CHECKOUT := $(PIP) --no-build-isolation --editable
 
-.PHONY: .venv demo figures notebooks docs test test-slow bench lint dist clean
+.PHONY: .venv demo figures notebooks docs test test-slow bench lint style types pytest dist clean
 
 .venv: .venv/installed
 
@@ -48,14 +48,23 @@ docs: .venv
 	$(CHECKOUT) '.[docs]'
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -c docs -b html . out/docs
 
-# The type stubs of NumPy and JAX differ by version: types are checked with the newest that Python 3.11 gets.
-lint: .venv/tests
+lint: style types
+
+style: .venv/tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@if test -z "$(CONSTRAINTS)" && $(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; \
-	then echo $(BIN)/mypy; $(BIN)/mypy; else echo "types are not checked: that takes Python 3.11 without CONSTRAINTS"; fi
 
-test: lint
+# The type stubs of NumPy and JAX differ by version: types are checked with the newest that Python 3.11 gets.
+types: .venv/tests
+	@if test -z "$(CONSTRAINTS)" && $(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; \
+	then lines=$$($(BIN)/mypy) && failed=0 || failed=1; printf '\n%s: %s\n' $(BIN)/mypy "$$lines"; exit $$failed; \
+	else echo "types are not checked: that takes Python 3.11 without CONSTRAINTS"; fi
+
+# mypy has one thread, and workers of pytest wait for each other at both ends: they run side by side.
+test: style
+	+@$(MAKE) --no-print-directory --jobs 2 types pytest
+
+pytest: .venv/tests
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 # With VTK to read exports back, and playwright to drive a Chromium if there is one. Programs are compiled as for users.
