@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
-from benchmarks.public import dam_breaks, elastic, granular, slopes
+from benchmarks.public import dam_breaks, elastic, frank, granular, slopes
 from benchmarks.public.rows import Row
 
 VARIABLE = "JAXMPM_PUBLIC"
@@ -24,6 +24,7 @@ FAMILIES: dict[str, Callable[[Path, bool], dict[str, Callable[[], list[Row]]]]] 
     "elastic": elastic.cases,
     "dam breaks": dam_breaks.cases,
     "granular": granular.cases,
+    "frank": frank.cases,
     "slopes": slopes.cases,
 }
 """Cases by name, the cheapest families first: a function of the data's folder and of whether all is coarser."""

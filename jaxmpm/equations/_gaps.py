@@ -90,7 +90,8 @@ def gaps(scene: Scene, mass: Array) -> Array | None:
 
 def gap_of(first: Array, second: Array) -> Array:
     """Gap as a share of a cell, of the masses at nodes on the ground and at the next ones (kg)."""
-    ratio = first / jnp.where(second > 0, second, jnp.inf)
+    # From a half on there is no gap; the square of a ratio to the mass at a node that soil barely reaches overflows.
+    ratio = jnp.minimum(first / jnp.where(second > 0, second, jnp.inf), 1)
     # Without soil the root is 1, where it has a derivative.
     gap = (1 - jnp.sqrt(jnp.where(ratio > 0, ratio + 2 * ratio**2, 1))) / (1 + ratio)
     return jnp.minimum(gap, WIDE) * jnp.clip(gap / NARROW - 1, 0, 1)

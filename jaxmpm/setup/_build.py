@@ -15,6 +15,7 @@ from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.setup._fill import ordered
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._scene import scene, unstressed
+from jaxmpm.setup._stable import with_stable_step
 from jaxmpm.soil import AnySoil, warn_of_units
 from jaxmpm.support import check
 from jaxmpm.support.tracing import host
@@ -119,4 +120,5 @@ def build(
         pressure = host(loads.pore_pressure).where(in_total_stress_at(material), 0.0, loads.pore_pressure)
         loads = replace(loads, pore_pressure=pressure)
     built = scene(particles, grid, material, discretisation, boundary=boundary, loads=loads, speed=speed)
+    built = with_stable_step(built, discretisation.cfl)
     return built, unstressed(built, apic=discretisation.apic)

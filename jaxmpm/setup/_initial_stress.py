@@ -20,6 +20,7 @@ from jaxmpm import tensors
 from jaxmpm.boundary import hold
 from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, closed, external_force, gaps, sheared
 from jaxmpm.laws import elastic_increment
+from jaxmpm.setup._law import wave_speed
 from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.support import check
 from jaxmpm.support.tracing import at_once, host, require_known
@@ -31,8 +32,15 @@ TOLERANCE = {"float32": 1e-5, "float64": 1e-10}
 
 @partial(jax.jit, static_argnames=("iterations", "gapped"))
 def elastic_equilibrium(
-    scene: Scene, stress: Array, *, tolerance: float | None = None, iterations: int = 2000, gapped: bool = False
-) -> tuple[Array, Array]:
+    scene: Scene,
+    stress: Array,
+    *,
+    tolerance: float | None = None,
+    iterations: int = 2000,
+    gapped: bool = False,
+    loose: Array | None = None,
+    bedding: Array | None = None,
+) -> tuple[Array, Array, Array]:
     """Stress in balance with the load, reached elastically from another stress.
 
     The load is that of gravity, water and body force at time 0. The result depends on the elastic moduli (`bulk`,
@@ -47,9 +55,13 @@ def elastic_equilibrium(
         iterations: their largest number.
         gapped: whether soil lies above nodes of rigid ground by a share of a cell, which the forces close. The problem
             is then not symmetric.
+        loose: (nodes,) bool, further nodes that do not move; None for none.
+        bedding: stiffness of springs that hold each node in place, over its mass (1/s2). With it the problem has a
+            solution whatever holds the soil. None for none.
 
     Returns:
-        Stress (s, N) Pa, and the residual: norm of the net force over that of the load, on free nodes.
+        Stress (s, N) Pa; the residual, norm of the net force over that of the load, on free nodes; and the net force of
+        each node over its load (nodes,).
     """
     grid, particles = scene.grid, scene.particles
     scene = _sticking(scene)
@@ -63,7 +75,8 @@ def elastic_equilibrium(
         undrained = jnp.where(carries[:, 0], weighed / jnp.where(carries[:, 0], mass[:, 0], 1), 0)
 
     def free(nodal: Array) -> Array:
-        return hold(scene, jnp.where(carries, nodal, 0))
+        nodal = jnp.where(carries, nodal, 0)
+        return hold(scene, nodal if loose is None else jnp.where(loose[:, None], 0, nodal))
 
     def internal_force(stress: Array) -> Array:
         force = maps.to_grid(None, acting_stress(scene, stress, particles.volume, maps))
@@ -86,7 +99,7 @@ def elastic_equilibrium(
     net = load + internal_force(stress)
     norm = jnp.linalg.norm(load)
     method = _bicgstab if gapped else jax.scipy.sparse.linalg.cg
-    share = TOLERANCE[stress.dtype.name] if tolerance is None else tolerance
+    accuracy = TOLERANCE[stress.dtype.name] if tolerance is None else tolerance
     weight = jax.lax.stop_gradient(jnp.where(carries, mass, 1))
 
     def extended(force: Array, scale: Array) -> Array:
@@ -98,12 +111,15 @@ def elastic_equilibrium(
         scale = jnp.where(scale > 0, scale, jnp.linalg.norm(force))
         solution, _ = method(
             lambda u: matrix(extended(u, scale))[:-1], force, M=lambda r: jnp.where(carries, r / weight, 0), tol=0.0,
-            atol=share * scale, maxiter=iterations,
+            atol=accuracy * scale, maxiter=iterations,
         )  # fmt: skip
         return extended(solution, right[-1, 0])
 
     def product(u: Array) -> Array:
-        return jnp.concatenate([-internal_force(stress_of(free(u[:-1]))), u[-1:]])
+        force = -internal_force(stress_of(free(u[:-1])))
+        if bedding is not None:
+            force = force + free(bedding * mass * u[:-1])
+        return jnp.concatenate([force, u[-1:]])
 
     if gapped:
         # An average divides sums of one array by each other, which only its derivative shows to be linear.
@@ -113,7 +129,9 @@ def elastic_equilibrium(
         extended(net, jax.lax.stop_gradient(norm)), solve, transpose_solve=solve, symmetric=not gapped,
     )[:-1]  # fmt: skip
     balanced = stress + stress_of(free(solution))
-    return balanced, jnp.linalg.norm(load + internal_force(balanced)) / norm
+    unbalanced, weights = load + internal_force(balanced), jnp.linalg.norm(load, axis=1)
+    share = jnp.linalg.norm(unbalanced, axis=1) / jnp.where(weights > 0, weights, jnp.inf)
+    return balanced, jnp.linalg.norm(unbalanced) / norm, share
 
 
 def _bicgstab(
@@ -198,6 +216,15 @@ def _gapped(scene: Scene) -> bool:
 RESIDUAL = 1e-3
 """Largest unbalanced share of the load."""
 
+BEDDING = 0.01
+"""Stiffness of springs that hold nodes in place, over that of the body along its largest extent."""
+
+LOOSE, LOOSE_MOST = 0.1, 0.02
+"""Share of a node's load in its springs from which on nothing else holds the node, and largest share of such soil."""
+
+ROUNDS = 4
+"""Searches for nodes that nothing holds, each with those before held in place."""
+
 
 def at_rest(scene: Scene, *, apic: bool = False) -> State:
     """Motionless state with the stress of elastic gravity loading.
@@ -247,17 +274,71 @@ def settled(scene: Scene, state: State) -> State:
     k0 = jnp.asarray(elastic if scene.loads.k0 is None else scene.loads.k0, dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
     stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
-    balanced, residual = elastic_equilibrium(scene, stress, gapped=_gapped(scene))
+    gapped = _gapped(scene)
+    balanced, residual, _ = elastic_equilibrium(scene, stress, gapped=gapped)
     if check.is_traced(residual):
         status = jnp.where(residual < RESIDUAL, state.status, int(Status.BAD_PARAMETER))
         return with_stress(scene, replace(state, status=status), balanced)
     if not float(residual) < RESIDUAL:
-        raise ValueError(
-            f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit {RESIDUAL:g}): "
-            "is the body held against gravity, are the moduli within some orders of magnitude, and is Poisson's ratio "
-            "below 0.4999? Else start it with `unstressed`, or take float64"
-        )
+        balanced = _with_loose_soil(scene, stress, gapped)
     return with_stress(scene, state, balanced)
+
+
+def _with_loose_soil(scene: Scene, stress: Array, gapped: bool) -> Array:
+    """Stress in balance with the load everywhere but at nodes that nothing holds.
+
+    Where soil thins out, a node may carry mass of a particle that the node's motion does not strain. The equations of
+    equilibrium then have no solution. With springs they have one, in which the springs bear the load of such nodes, and
+    the soil that of all others. The balance is then sought with these nodes held in place. In a run they move, until
+    their soil lies on its neighbours or on the ground.
+
+    Args:
+        scene: to load.
+        stress: (s, N) Pa to start from.
+        gapped: as of `elastic_equilibrium`.
+
+    Returns:
+        Stress (s, N) Pa.
+
+    Raises:
+        ValueError: If more than LOOSE_MOST of the load is loose, or the balance is not found.
+    """
+    position, mass = np.asarray(scene.particles.position, float), scene.particles.mass
+    extent = float(np.ptp(position, axis=1).max()) + scene.grid.cell
+    bedding = jnp.asarray(BEDDING * (wave_speed(scene.particles, scene.material) / extent) ** 2, stress.dtype)
+    nodal = np.asarray(Maps(scene, scene.particles.position).to_grid(mass[None], None)[:, 0], float)
+    loose, residual = np.zeros(scene.grid.nodes, bool), np.nan
+    for _ in range(ROUNDS):
+        _, _, share = elastic_equilibrium(scene, stress, gapped=gapped, loose=jnp.asarray(loose), bedding=bedding)
+        found = ~(np.asarray(share) < LOOSE)
+        lost = float(nodal[loose | found].sum() / nodal.sum())
+        if lost > LOOSE_MOST:
+            raise ValueError(
+                f"nothing holds {lost:.2g} of the soil against its load, {_place(scene, nodal * (loose | found))}: "
+                "let walls, a base or soil hold it, or start it with `unstressed`"
+            )
+        if not found.any():
+            break
+        loose |= found
+        balanced, residual, _ = elastic_equilibrium(scene, stress, gapped=gapped, loose=jnp.asarray(loose))
+        if float(residual) < RESIDUAL:
+            check.warn(
+                f"soil that thins out starts without equilibrium, {lost:.1e} of all at {int(loose.sum())} nodes, "
+                f"{_place(scene, nodal * loose)}: it settles in the first steps"
+            )
+            return balanced
+    raise ValueError(
+        f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit {RESIDUAL:g}), "
+        f"{_place(scene, nodal * np.nan_to_num(np.asarray(share), nan=1.0, posinf=1.0))}: are the moduli within some "
+        "orders of magnitude, and is Poisson's ratio below 0.4999? Else start it with `unstressed`, or take float64"
+    )
+
+
+def _place(scene: Scene, weight: np.ndarray) -> str:
+    """Words for where a weight at the nodes (nodes,) is largest."""
+    node = np.unravel_index(int(np.argmax(weight)), scene.grid.shape)
+    at = ", ".join(f"{start + scene.grid.cell * n:g}" for start, n in zip(scene.grid.origin, node, strict=True))
+    return f"most of it at ({at}) m"
 
 
 def overburden(scene: Scene) -> np.ndarray | Array:

@@ -86,7 +86,7 @@ def membrane(cell, poisson, cure):
 
 def deflection(scene, state):
     """Mean deflection (m) of the loaded strip: twice the energy of the stress in balance, over the load."""
-    stress, residual = elastic_equilibrium(scene, state.stress, tolerance=1e-7, iterations=20000)
+    stress, residual, _ = elastic_equilibrium(scene, state.stress, tolerance=1e-7, iterations=20000)
     assert float(residual) < 1e-6
     full = tensors.expand(stress, 2)
     shearing = tensors.second_invariant(tensors.deviator(full)) / scene.material.shear
