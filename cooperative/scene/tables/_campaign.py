@@ -188,9 +188,8 @@ class PlanAndEstimator(Plan):
         otherwise='a fifth of the samples, at least 20; with `target_cov`, and of `"monte carlo"`, all samples',
     )  # fmt: skip
     target_cov: Annotated[float, Within(Limit(above=0, below=1))] | None = key(
-        "Coefficient of variation of the estimate at which to stop, by the scatter that the runs show. Where failures "
-        'hide among low ranks the true one is up to 1.4 times it, and with `"control variate"` or `"monte carlo"` the '
-        "estimate is too high by about its square, see "
+        "Coefficient of variation of the estimate at which to stop. It allows for failures that may hide among low "
+        "ranks, which takes a third to a half more runs, see "
         "[when it stops](report.md#what-the-controller-does-and-when-it-stops).",
         0.2,
         None,

@@ -71,14 +71,18 @@ def test_links_have_their_probability_and_rank_correlation_and_tails(link, bette
 def test_links_are_judged_where_750_samples_can_reach_the_target():
     cases = estimators.link_cases()
     assert {case.pf for case in cases} == {0.1, 0.244}
-    rows = [
-        {"link": "normal", "rmse": 0.1, "claimed": 0.1, "bias": -0.02, "bias_error": 0.003, "coverage": 0.97},
-        {"link": "Clayton", "rmse": 0.21, "claimed": 0.2, "bias": 0.01, "bias_error": 0.004, "coverage": 0.96},
-        {"link": "both ends", "rmse": 0.5, "claimed": 0.2, "bias": 0.1, "bias_error": 0.01, "coverage": 0.93},
-    ]
-    result = estimators.link_values(rows)
+    names = ("method", "link", "rmse", "claimed", "bias", "bias_error", "coverage")
+    table = (
+        ("two-phase", "normal", 0.1, 0.1, -0.02, 0.003, 0.97),
+        ("two-phase", "Clayton", 0.21, 0.2, 0.01, 0.004, 0.96),
+        ("two-phase", "both ends", 0.5, 0.2, 0.1, 0.01, 0.93),
+        ("Monte Carlo", "normal", 0.24, 0.2, -0.03, 0.005, 0.91),
+    )
+    result = estimators.link_values([dict(zip(names, row, strict=True)) for row in table])
     assert result["target_cov_rmse_over_claimed_max"] == pytest.approx(1.05)
     assert (result["target_cov_bias_max"], result["target_cov_coverage_both_ends_min"]) == (0.02, 0.93)
+    assert result["target_cov_rmse_over_claimed_in_order_max"] == pytest.approx(1.2)
+    assert result["target_cov_bias_in_order_max"] == 0.03
 
 
 def test_a_benchmark_that_was_stopped_goes_on_from_its_pieces(tmp_path, monkeypatch):
