@@ -157,14 +157,14 @@ def known_names(columns: Columns) -> str:
 
 
 def read_columns(
-    path: Path, expected: Columns, units: Mapping[str, str]
+    path: Path, expected: Columns, units: Mapping[str, str] | None
 ) -> tuple[dict[str, Values], dict[str, npt.NDArray[np.str_]]]:
     """The known columns of a CSV, whose first row has their names, each with its unit in brackets.
 
     Args:
         path: of the CSV.
         expected: columns that are read.
-        units: of columns whose heading has none, by the column's name.
+        units: of columns whose heading has none, by the column's name; None where nobody can give them.
 
     Returns:
         Numbers (n,) in SI units and degrees, nan in gaps, and texts (n,): the name of each row, that of the file where
@@ -235,7 +235,7 @@ def read_rows(path: Path) -> list[list[float]]:
     """
     if not path.is_file():
         raise SiteError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
-    table, texts = read_columns(path, POSITION | PARAMETERS, {})
+    table, texts = read_columns(path, POSITION | PARAMETERS, None)
     names = [name for name in PARAMETERS if name in table]
     if not names:
         raise SiteError(f"{path} has no column of a parameter: name one of {known_names(PARAMETERS)}")
@@ -250,10 +250,13 @@ def read_rows(path: Path) -> list[list[float]]:
     return rows[valid].tolist()
 
 
-def _columns(path: Path, read: Table, expected: Columns, units: Mapping[str, str]) -> dict[str, tuple[int, float]]:
+def _columns(
+    path: Path, read: Table, expected: Columns, units: Mapping[str, str] | None
+) -> dict[str, tuple[int, float]]:
     """Number of each known column in a row, and what its numbers are multiplied by."""
     columns: dict[str, tuple[int, float]] = {}
     unknown: list[str] = []
+    bare: list[str] = []
     if not read.header:
         raise SiteError(f"{path} has no row of headings: name its columns, such as x [m], top [m], depth [m], qc [MPa]")
     for column, (cell, word) in enumerate(zip(read.header, read.names, strict=False)):
@@ -268,14 +271,18 @@ def _columns(path: Path, read: Table, expected: Columns, units: Mapping[str, str
         if name in columns:
             raise SiteError(f"{path} has two columns of {name}: {shown(cell)} is the second, leave one out")
         quantity = expected[name][0]
-        unit = unit or units.get(plain) or units.get(name)
+        unit = unit or (units or {}).get(plain) or (units or {}).get(name)
         if quantity and not unit:
             allowed = known_units(quantity)
-            raise SiteError(
-                f"{path}: the column {shown(cell)} has no unit: write {cell.strip()} [{allowed.split(', ')[0]}] in the "
-                f"header, or give --units {plain}=UNIT with one of {allowed}"
+            option = "" if units is None else f", or give --units {plain}=UNIT"
+            bare.append(
+                f"the column {shown(cell)} has no unit: write {cell.strip()} [{allowed.split(', ')[0]}] in the header"
+                f"{option}; known are {allowed}"
             )
+            continue
         columns[name] = column, in_si(f"{path}: column {shown(cell)}", unit, quantity) if quantity and unit else 1.0
+    if bare:
+        raise SiteError(f"{path}: {'; '.join(bare)}")
     if unknown:
         check.warn(f"{path}: unknown columns are not read: {', '.join(unknown)}")
     return columns

@@ -26,6 +26,9 @@ Schema = JsonSchemaValue
 NAMED = 20
 """Unknown keys for which the nearest one is looked for."""
 
+KNOWS = "; it knows"
+"""Begins the keys of a table, which a message lists once."""
+
 RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 CHOICE = ("choice", "literal_error")
 UNKNOWN = "unexpected_keyword_argument"
@@ -161,7 +164,7 @@ def _faults(table: type[Part], values: object, where: str, error: ValidationErro
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
     wrong: dict[tuple[str, ...], list[str]] = {}
-    of_scene = False
+    of_scene, listed = False, set[str]()
     for fault in errors:
         kind, location = fault["type"], fault["loc"]
         if kind == UNKNOWN:
@@ -169,6 +172,9 @@ def _faults(table: type[Part], values: object, where: str, error: ValidationErro
             of_scene |= not entry.whole
             # What no message names needs no words.
             likely = _suggestion(str(location[-1]), entry.inner, table) if len(unknown) < NAMED else ""
+            if likely.startswith(KNOWS):
+                likely = likely if entry.section not in listed else ""
+                listed.add(entry.section)
             unknown.append(f"{entry.section} has an unknown key {shown(location[-1])}{likely}")
         elif kind == "missing" and isinstance(location[-1], str):
             entry = _entry_at(table, values, where, location[:-1])
@@ -249,7 +255,7 @@ def _suggestion(key: str, table: type[Part] | None, whole: type[Part]) -> str:
         other = table_in(field)
         if other is not None and (there := [repr(key)] if key in keys(other) else _synonyms(other, key)):
             return f" (did you mean {there[0]} of [{section}]?)"
-    return _nearest(key, keys(table)) or f"; it knows {', '.join(keys(table))}"
+    return _nearest(key, keys(table)) or f"{KNOWS} {', '.join(keys(table))}"
 
 
 def _synonyms(table: type[Part], key: str) -> list[str]:

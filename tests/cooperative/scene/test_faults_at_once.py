@@ -82,6 +82,8 @@ def test_twenty_faults_are_printed_by_table_and_the_others_counted(tmp_path, cap
     assert first == "error: 30 faults"
     assert len(lines) == 21
     assert lines[-1] == "  and 10 more"
+    # What a table knows is listed once.
+    assert sum("; it knows" in line for line in lines) == 2
     assert [line.split()[0] for line in lines[:20]] in (
         ["[soil]"] * 15 + ["[run]"] * 5,
         ["[run]"] * 15 + ["[soil]"] * 5,
