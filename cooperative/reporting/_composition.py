@@ -280,11 +280,14 @@ def drawn_change(ground: runs.StoredGround, grid: str, sample: Sample) -> Drawn:
 def drawn_slide(
     ground: runs.StoredGround, grid: str, sample: Sample, soil: runs.SampleSoil, shown: runs.Frames
 ) -> Iterator[Drawn]:
-    """A sample's strength and slide at several times, in 3D from above too; nothing where no moment is known."""
-    if not shown.times:
+    """A sample's strength and slide at several times, in 3D from above too; nothing where no moment is known.
+
+    Nor where a law of the user's own, of which nothing is random, declares no strength.
+    """
+    if not shown.times or not soil.values:
         return
     displacement, plane = np.stack(shown.displacement), _plane(ground, grid, sample)
-    name, of = ground.random[0], ground.grids[grid]
+    name, of = next(iter(ground.random or soil.values)), ground.grids[grid]
     seen = displacement[:, :, plane]
     where = " Section where it moved farthest." if ground.dimension == 3 else ""
     yield Drawn(

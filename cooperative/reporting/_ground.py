@@ -24,7 +24,6 @@ from cooperative.reporting import _page as page
 from cooperative.reporting import _plots as plots
 from cooperative.reporting import _profiles as profiles
 from cooperative.reporting._bodies import skin
-from cooperative.reporting._profiles import certain_strength
 from cooperative.reporting._soundings import conditioned, measured_of
 from cooperative.runs import GridModel, coefficients_of, ground_of, soil_of
 from cooperative.scene import Campaign, check_cells
@@ -77,10 +76,7 @@ def draw(campaign: Campaign, *paths: Path, sample: int | None = None) -> None:
         raise ValueError(f"{turns[0]}: a page that turns needs plotly, which is not installed: pip install plotly")
     models = models_of(campaign)
     coefficients = coefficients_of(campaign, models["rough"].soil)
-    values: Values = {
-        grid: soil_of(model, coefficients[sample or 0]).values if campaign.random else certain_strength(model)
-        for grid, model in models.items()
-    }
+    values: Values = {grid: soil_of(model, coefficients[sample or 0]).values for grid, model in models.items()}
     if not values["refined"]:
         raise ValueError("nothing in the soil is random, nor does its law declare a strength: there is nothing to draw")
     for path in turns:

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 
 import kl
 from cooperative.reporting import _plots as plots
-from cooperative.runs import GridModel
-from jaxmpm.laws import declared
+from cooperative.runs import GridModel, rock_of, strength_of
 
 SAMPLES = {2: 512, 3: 64}
 """Samples that a profile is made of, in a section and in 3D, whose grids are larger."""
@@ -86,7 +85,7 @@ def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
     for station, at in found.items():
         column = np.flatnonzero(plane & (position[0] == x[at]))
         columns[station] = column[np.argsort(-position[-1, column])]
-    certain, rock = _strength(model), _rock(model)
+    certain, rock = strength_of(model), rock_of(model)
     chosen = np.concatenate(list(columns.values()))
     values_of_samples = _drawn(model, [name for name in certain if name in model.names], chosen)
     ends = np.cumsum([column.size for column in columns.values()])[:-1]
@@ -100,31 +99,6 @@ def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
         depth = surface[at] - position[-1, column]
         result.append(Profile(station, float(x[at]), float(surface[at]), depth, mean, tails))
     return result
-
-
-def certain_strength(model: GridModel) -> dict[str, np.ndarray]:
-    """Strength of a grid's soil by parameter, of the particles (N,) in SI units and degrees, nan in rock.
-
-    Args:
-        model: the grid, of whose soil nothing is random.
-    """
-    return {name: np.where(_rock(model), np.nan, values) for name, values in _strength(model).items()}
-
-
-def _strength(model: GridModel) -> dict[str, np.ndarray]:
-    return {
-        name: np.broadcast_to(
-            np.rad2deg(each.value) if each.parameter.angle else each.value, model.scene.particles.mass.size
-        )
-        for name, each in declared(model.scene.material).items()
-        if each.parameter.reduced and not each.parameter.at_most
-    }
-
-
-def _rock(model: GridModel) -> np.ndarray:
-    if model.layer is None:
-        return np.zeros(model.scene.particles.mass.size, bool)
-    return np.array([each.rock for each in model.campaign.site.layers])[model.layer]
 
 
 def _drawn(model: GridModel, names: Sequence[str], chosen: np.ndarray) -> dict[str, np.ndarray]:

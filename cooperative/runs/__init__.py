@@ -4,7 +4,7 @@ from cooperative.runs._bars import Bar, advance, bars
 from cooperative.runs._built import build, keep_initial, verify_initial
 from cooperative.runs._compiled import keep_compiled, machine, memory_mappings, release_programs
 from cooperative.runs._dask import dask_executor
-from cooperative.runs._drawn import Drawn, SampleSoil, keep_drawn, read_drawn, soil_of
+from cooperative.runs._drawn import Drawn, SampleSoil, keep_drawn, read_drawn, rock_of, soil_of, strength_of
 from cooperative.runs._executors import Packed, Workers, packed, run_through
 from cooperative.runs._flags import check_flags, missing_device, set_flags
 from cooperative.runs._ground import (
@@ -96,6 +96,7 @@ __all__ = [
     "read_ground",
     "refuse_within_import",
     "release_programs",
+    "rock_of",
     "row_of",
     "rows_reader",
     "run_samples",
@@ -108,6 +109,7 @@ __all__ = [
     "set_flags",
     "soil_of",
     "stop_by_signals",
+    "strength_of",
     "verify_initial",
     "warnings_of",
 ]

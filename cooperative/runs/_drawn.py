@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from cooperative.runs._model import GridModel
+from jaxmpm.laws import declared
 from jaxmpm.support import files, hdf5
 
 DRAWN = ("cooperative random soil", 1)
@@ -38,17 +39,44 @@ Drawn = Mapping[tuple[str, int], SampleSoil]
 
 
 def soil_of(model: GridModel, coefficients: np.ndarray) -> SampleSoil:
-    """The random soil of a sample on a grid.
+    """The random soil of a sample on a grid; where no soil is random its strength, beside what goes with water.
 
     Args:
         model: the grid.
         coefficients: of the sample (terms,).
     """
     values = {name: np.asarray(value, float) for name, value in model.parameters(coefficients).items()}
-    if model.layer is not None:
-        rock = np.array([layer.rock for layer in model.campaign.site.layers])[model.layer]
-        values = {name: np.where(rock, np.nan, value) for name, value in values.items()}
+    rock = rock_of(model)
+    shown = values if model.campaign.random else strength_of(model) | values
+    values = {name: np.where(rock, np.nan, value) for name, value in shown.items()}
     return SampleSoil(values, model.time_step(coefficients))
+
+
+def strength_of(model: GridModel) -> dict[str, np.ndarray]:
+    """Strength of a grid's soil with the means of what varies, by parameter (N,) in SI units and degrees.
+
+    A law of the user's own may declare none.
+
+    Args:
+        model: the grid.
+    """
+    count = model.scene.particles.mass.size
+    return {
+        name: np.broadcast_to(np.rad2deg(each.value) if each.parameter.angle else each.value, count)
+        for name, each in declared(model.scene.material).items()
+        if each.parameter.reduced and not each.parameter.at_most
+    }
+
+
+def rock_of(model: GridModel) -> np.ndarray:
+    """Which particles of a grid are rock (N,).
+
+    Args:
+        model: the grid.
+    """
+    if model.layer is None:
+        return np.zeros(model.scene.particles.mass.size, bool)
+    return np.array([each.rock for each in model.campaign.site.layers])[model.layer]
 
 
 def keep_drawn(folder: Path, drawn: Drawn) -> None:

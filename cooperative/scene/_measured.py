@@ -70,7 +70,7 @@ def measure(campaign: Campaign, store: Store, terms: Sequence[int], grids: Mappi
         write_measured(store, measured)
         return replace(campaign, measured=measured)
 
-    if campaign.measured.terms is None:
+    if campaign.measured.terms is None and terms:  # none where a water level alone is random
         campaign = stored(replace(campaign.measured, terms=tuple(terms)))
     if campaign.run.failure == "limit load" and campaign.measured.limit_load is None:
         limit_load = measure_limit_load(campaign, grids["refined"])

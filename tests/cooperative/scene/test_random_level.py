@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm
 
 import jaxmpm as mpm
-from cooperative import runs
-from cooperative.scene import parse, read
+from cooperative import report, run, runs
+from cooperative.scene import check_samples, measure, parse, read
 from jaxmpm.soil import STANDARD_GRAVITY
 from tests.scenes import model_of, tables
 
@@ -79,6 +79,38 @@ def test_a_campaign_keeps_the_level_of_each_sample():
     assert [sample.row["water_level"] for sample in samples] == [model.water_level(coefficients[n]) for n in range(3)]
     again = read(model.campaign)  # as a folder keeps a campaign that was written in Python
     assert again.site.level == model.campaign.site.level
+
+
+LEVEL_ALONE = (
+    SCENE.replace("[soil.cohesion]\nmean = 5e3\ncov = 0.3\nlength = [10.0, 2.0]\n", "")
+    .replace("friction = 30.0\n", "friction = 30.0\ncohesion = 5e3\n")
+    .replace("t_end = 4.0", "t_end = 0.2")
+)
+"""Nothing of the soil is random."""
+
+
+def test_soil_of_a_scene_whose_level_alone_is_random_has_its_strength():
+    campaign = parse(LEVEL_ALONE)
+    assert campaign.varies
+    assert not campaign.random
+    check_samples(campaign)
+    model, coefficients = model_and_coefficients(LEVEL_ALONE)
+    assert coefficients.shape == (10, 1)
+    assert measure(campaign, None, model.soil.counts, {}) == campaign
+    soil = runs.soil_of(model, coefficients[0])
+    np.testing.assert_allclose(soil.values["cohesion"], 5e3)
+    np.testing.assert_allclose(soil.values["friction"], 30.0, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_level_alone_makes_a_campaign_and_its_report(tmp_path):
+    run(LEVEL_ALONE, tmp_path / "c", workers=1)
+    report(tmp_path / "c")
+    drawn = runs.read_drawn(tmp_path / "c", [("rough", 0), ("refined", 0)])
+    for soil in drawn.values():
+        np.testing.assert_allclose(soil.values["cohesion"], 5e3)
+        np.testing.assert_allclose(soil.values["friction"], 30.0, rtol=1e-6)
+    assert list((tmp_path / "c" / "figures").glob("slide-*.png"))
 
 
 def test_the_solver_takes_a_level_for_water_alone():

@@ -9,8 +9,7 @@ from benchmarks.robustness.invented import LAYERED, TINY
 from cooperative.__main__ import main
 from cooperative.example_scenes import SCHEMA, starters
 from cooperative.folder import models_of
-from cooperative.reporting._profiles import certain_strength
-from cooperative.runs import check_size, grid_size
+from cooperative.runs import check_size, grid_size, soil_of
 from cooperative.scene import parse, read_scene, to_toml
 
 
@@ -109,7 +108,7 @@ def test_a_scene_without_anything_random_is_drawn_by_its_strength():
     campaign = parse(to_toml(tables))
     assert not campaign.varies
     model = models_of(campaign)["refined"]
-    drawn = certain_strength(model)
+    drawn = soil_of(model, np.zeros(0)).values
     rock = [each.rock for each in campaign.site.layers]
     for number, layer in enumerate(campaign.site.layers):
         values = drawn["strength"][np.asarray(model.layer) == number]
