@@ -83,7 +83,7 @@ def scene_of(case: Case) -> dict[str, Any]:
     """The tables of a scene of one slope, with its loads; what varies is nothing."""
     layers = list(case.soil) if isinstance(case.soil, Sequence) else [Layer(case.soil)]
     loads = dict(case.loads)
-    water = {name: loads.pop(name) for name in ("r_u", "water") if name in loads}
+    water: dict[str, Any] = {name: loads.pop(name) for name in ("r_u", "water") if name in loads}
     if "water" in water:
         level = water.pop("water")
         water["level" if isinstance(level, float | int) else "table"] = _plain(level)
@@ -154,6 +154,7 @@ def run(quick: bool) -> Report:
         section = folder / "section.toml"
         section.write_text(starters()["section"].read_text())
         rows: list[dict[str, Any]] = []
+        more = {"run": ("--out", str(folder / "out"))}
 
         def median(name: str, *arguments: str | Path) -> Wait:
             waits = [wait(arguments, environment) for _ in range(repeats)]
@@ -164,10 +165,7 @@ def run(quick: bool) -> Report:
         first = wait(["check", section], environment)
         values: dict[str, Any] = {
             "help_s": median("--help", "--help").seconds,
-            "speak_s_max": max(
-                first_word([name, section, *(["--out", folder / "out"] if name == "run" else [])], environment)
-                for name in SPEAKING
-            ),
+            "speak_s_max": max(first_word([name, section, *more.get(name, ())], environment) for name in SPEAKING),
             "check_section_cpu_s": median("check", "check", section).cpu,
             "check_first_cpu_s": first.cpu,
             "draw_section_cpu_s": median("draw", "draw", section).cpu,
