@@ -68,7 +68,9 @@ def markdown() -> str:
         "A scene is a TOML file. This page is made from the tables that read it (`python -m cooperative.scene`).",
         f"So is [`{SCHEMA.name}`](../cooperative/{SCHEMA.name}), from which an editor completes keys:",
         "`jaxmpm new` and `jaxmpm example` write it beside the scene, whose first line is",
-        f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.\n",
+        f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.",
+        "`jaxmpm check` names all that is wrong with a scene at once, by its tables: the first twenty faults, and how",
+        "many more there are.\n",
     ]
     explained: set[type[tables.Part]] = set()
     for section, table in TABLES.items():

@@ -1,6 +1,8 @@
 """The commands: going on from a folder, how far a campaign is, exports; errors in one line."""
 
 import ast
+import gc
+import io
 import os
 import socket
 import subprocess
@@ -302,3 +304,23 @@ def test_what_computes_nothing_loads_no_jax(arguments, tmp_path):
     """
     done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, cwd=tmp_path)
     assert done.stdout.splitlines()[-1] == "False False"
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_command_says_at_a_terminal_that_it_loads_and_leaves_the_collector_as_it_was(tmp_path, monkeypatch, capsys):
+    missing = ["check", str(tmp_path / "none.toml")]
+    assert main(missing) == 2
+    assert capsys.readouterr().err.startswith("error: there is no scene")
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    assert main(missing) == 2
+    said = sys.stderr.getvalue().splitlines()
+    assert said[0] == "jaxmpm check: loading ..."
+    assert said[1].startswith("error: there is no scene")
+    assert gc.isenabled()
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    assert main(["new", "--out", str(tmp_path / "new.toml")]) == 0
+    assert sys.stderr.getvalue() == ""
