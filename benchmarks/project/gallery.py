@@ -51,6 +51,8 @@ RESULTS = {
     "what_if": "P_f 0.29 (0.19 to 0.48); 0.29 less (0.15 to 0.43) with the berm, 0.36 more (0.13 to 0.58) at k_h 0.03: "
     "[curves](report.md#sweeps)",
     "embankment": "P_f 0.418 (0.297 to 0.619); all failures deep, run-out 13 m",
+    "storm": "P_f 0.35 (0.12 to 0.64) by the end of the rain, 0.03 (0 to 0.48) by 24 h: [in "
+    "time](seepage.md#probability-of-failure-against-time)",
     "sites/acads_1c": "factor of safety 1.356 at its limit load (1.35 printed); no failure in 20 refined runs, "
     "P_f below 0.24",
     "sites/acads_3a": "factor of safety 1.271 at its limit load (1.26 printed); P_f has not been run",
@@ -84,8 +86,8 @@ Copy a scene of the second or third table from its link. `jaxmpm new --kind KIND
 [Every key](scenes.md) explains what to change.
 
 - **Closest to an embankment on soft clay**: `embankment`.
-- **Water**: `what_if`, and `sites/acads_3a` (a piezometric line). **Earthquakes**: `what_if` by its k_h; a record goes
-  into [`[motion]`](scenes.md#motion).
+- **Water**: `what_if`, `storm`, in which it moves, and `sites/acads_3a` (a piezometric line). **Earthquakes**:
+  `what_if` by its k_h; a record goes into [`[motion]`](scenes.md#motion).
 - **Under five minutes on one core**: `demo` (half a minute on two), `section`, `paper_section`, `griffiths_fenton`,
   `what_if`, `embankment`, `new/slope`, `new/section`.
 

@@ -202,10 +202,12 @@ class Campaign(Part):
         Raises:
             ValueError: no water moves in it, or the time is after the last one.
         """
-        name = "rain" if self.drawdown is None else "drawdown"
-        if self.seepage is None:
+        at: Any = time  # the table reads texts
+        if self.drawdown is not None:
+            return replace(self, drawdown=replace(self.drawdown, at=at))
+        if self.rain is None:
             raise ValueError(f"time = {time} is for a scene with [rain] or [drawdown]: leave it out")
-        return replace(self, **{name: replace(self.seepage, at=time)})
+        return replace(self, rain=replace(self.rain, at=at))
 
     @cached_property
     def flow(self) -> PressureInTime:

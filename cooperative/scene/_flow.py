@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -240,14 +240,14 @@ def flow_of(campaign: Campaign) -> PressureInTime:
     cells, number = _cells(campaign, table)
     soils = [each for each in retentions_of(campaign) if each is not None]
     with jax.enable_x64(True):
-        soil = seepage.zoned(soils, number) if len(soils) > 1 else soils[0]  # type: ignore[type-var]
+        soil: Any = seepage.zoned(soils, number) if len(soils) > 1 else soils[0]  # type: ignore[type-var]
         start = _at_rest(campaign, table, cells)
         sides = _sides(campaign, table, start)
-        problem = seepage.problem(cells, soil, _face(table), *sides)  # type: ignore[arg-type]
+        problem = seepage.problem(cells, soil, _face(table), *sides)
         initial = seepage.hydrostatic(problem, _levels(start, cells))
         if table.initial_rate is not None:
             steadily = replace(table, rate=((0.0, table.initial_rate),))
-            before = seepage.problem(cells, soil, _face(steadily), *sides)  # type: ignore[arg-type]
+            before = seepage.problem(cells, soil, _face(steadily), *sides)
             initial, converged = seepage.steady(before, initial)
             if not bool(converged):
                 raise ValueError(
@@ -361,7 +361,7 @@ def _face(table: Seepage) -> AtSide:
     return seepage.open_face("surface", rain=_series(table.rate), level=_series(table.level))
 
 
-def _series(pairs: tuple[tuple[float, float], ...] | None) -> tuple[np.ndarray, np.ndarray] | float | None:
+def _series(pairs: tuple[tuple[float, float], ...] | None) -> Any:
     """As boundaries take it."""
     if pairs is None:
         return None
@@ -402,6 +402,7 @@ def _sides(campaign: Campaign, table: Seepage, start: Start) -> list[AtSide]:
 
 def _given(campaign: Campaign, table: Seepage) -> PressureTable:
     """The pore pressure of another program, checked against the ground."""
+    assert table.pressure is not None
     known = PressureTable.of_rows(table.pressure)
     known.check_ground(campaign.site.shape)
     if all(each is None for each in retentions_of(campaign)) and any(

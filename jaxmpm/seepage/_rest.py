@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -114,7 +115,4 @@ def _of_pool(position: np.ndarray, level: float | None, unit_weight: float) -> n
 
 def _picked(retention: Retention | None, which: np.ndarray) -> Retention | None:
     """The retention at some of its points."""
-    if retention is None:
-        return None
-    values = {name: getattr(retention, name) for name in type(retention).PARAMETERS}  # type: ignore[attr-defined]
-    return replace(retention, **{name: each[which] for name, each in values.items() if np.ndim(each)})
+    return jax.tree.map(lambda value: value[which] if np.ndim(value) else value, retention)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,7 +56,7 @@ PROBED = 24
 class HeadsAt(Protocol):
     """Pressure heads at one time."""
 
-    def at(self, position: ArrayLike) -> ArrayLike:
+    def at(self, position: Values) -> Any:
         """Pressure heads (N,) m at points (d, N) m, below 0 under suction."""
 
 
@@ -64,20 +64,22 @@ class PressureInTime(Protocol):
     """Pore pressure at points and times: a `Flow` or a `PressureTable`."""
 
     @property
-    def times(self) -> ArrayLike:
+    def times(self) -> Any:
         """Times (n,) s between which the pressure is known."""
 
     def heads(self, time: float) -> HeadsAt:
         """Pressure heads at a time (s), linear between the times."""
 
-    def pressure(self, position: ArrayLike, time: float, unit_weight: float = WATER_WEIGHT) -> ArrayLike:
+    def pressure(self, position: Values, time: float, unit_weight: float = WATER_WEIGHT) -> Any:
         """Pore pressures (N,) Pa at points (d, N) m at a time (s), below 0 under suction."""
 
 
 class _Known(Protocol):
     """What a table knows at one of its times."""
 
-    dimension: int
+    @property
+    def dimension(self) -> int:
+        """Coordinates of a point."""
 
     def total(self, position: Values) -> Values:
         """Total heads (N,) m at points (d, N) m."""
@@ -305,7 +307,7 @@ class PressureTable:
         for time, known in zip(self.times, self.known, strict=True):
             if isinstance(known, _Points):
                 far = known.tree.query(place.T)[0]
-                limit = GAP * ground.extent[-1] + float(np.hypot(*edges[:2]))
+                limit = GAP * ground.extent[-1] + float(np.hypot(edges[0], edges[1]))
                 beyond = (far > limit) & (known.triangles.find_simplex(place.T) < 0)
                 if beyond.any():
                     at = ", ".join(f"{x:.4g}" for x in place[:, np.argmax(np.where(beyond, far, -1))])

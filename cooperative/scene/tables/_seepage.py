@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from annotated_types import MaxLen
+from annotated_types import GroupedMetadata, MaxLen
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, ValidationInfo
 from pydantic import model_validator as validates
-from pydantic.config import JsonDict
 
 from cooperative.scene.tables._key import (
     AboveZero,
@@ -66,36 +67,67 @@ def _within(value: object, number: float, limit: Limit, remedy: str) -> float:
 _EXAMPLES = {"s": "12 h", "m/s": "14 mm/h", "m": "3 m"}
 
 
-def _quantity(limit: Limit, remedy: str = "") -> Any:
-    """Of a type: a number in SI units within a limit, or a text with another unit."""
-    what = f'a number in {limit.unit}, or a text with its unit such as "{_EXAMPLES[limit.unit]}"'
-    extra: JsonDict = {"unit": limit.unit, "allowed": what}
+@dataclass(frozen=True)
+class Quantity(GroupedMetadata):
+    """Of a type: a number in SI units within a limit, or a text with another unit.
 
-    def read(value: object) -> float:
-        return _within(value, _read(value, limit.unit, what), limit, remedy)
+    Args:
+        limit: of the number, in its unit.
+        remedy: what else to do about one beyond it.
+    """
 
-    return Annotated[float, PlainValidator(read, json_schema_input_type=float | str), Field(json_schema_extra=extra)]
+    limit: Limit
+    remedy: str = ""
+
+    def __iter__(self) -> Iterator[object]:
+        unit = self.limit.unit
+        what = f'a number in {unit}, or a text with its unit such as "{_EXAMPLES[unit]}"'
+
+        def read(value: object) -> float:
+            return _within(value, _read(value, unit, what), self.limit, self.remedy)
+
+        yield PlainValidator(read, json_schema_input_type=float | str)
+        yield Field(json_schema_extra={"unit": unit, "allowed": what})
 
 
-def _in_time(limit: Limit, file: str, remedy: str = "") -> Any:
-    """Of a type: a quantity, pairs of times and quantities, or the name of a CSV file of them."""
-    usual = _EXAMPLES[limit.unit]
-    pairs = f'[["0 h", "{usual}"], ["6 h", "{usual}"]]'
-    what = f'a number in {limit.unit}, a text such as "{usual}", pairs such as {pairs}, or a CSV file'
+@dataclass(frozen=True)
+class InTime(GroupedMetadata):
+    """Of a type: a quantity, pairs of times and quantities, or the name of a CSV file of them.
 
-    def one(value: object) -> float:
-        return _within(value, _read(value, limit.unit, what), limit, remedy)
+    Args:
+        limit: of the quantity, in its unit.
+        file: what the file holds, "rain" or "level".
+        remedy: what else to do about a number beyond the limit.
+    """
 
-    def read(value: object, info: ValidationInfo) -> Series:
+    limit: Limit
+    file: str
+    remedy: str = ""
+
+    @property
+    def what(self) -> str:
+        """What it takes, in words."""
+        usual = _EXAMPLES[self.limit.unit]
+        pairs = f'[["0 h", "{usual}"], ["6 h", "{usual}"]]'
+        return f'a number in {self.limit.unit}, a text such as "{usual}", pairs such as {pairs}, or a CSV file'
+
+    def __iter__(self) -> Iterator[object]:
+        yield PlainValidator(self._series, json_schema_input_type=float | str | list[tuple[float | str, float | str]])
+        yield Field(json_schema_extra={"unit": self.limit.unit, "allowed": self.what})
+
+    def _one(self, value: object) -> float:
+        return _within(value, _read(value, self.limit.unit, self.what), self.limit, self.remedy)
+
+    def _series(self, value: object, info: ValidationInfo) -> Series:
         if isinstance(value, str) and value.lower().endswith((".csv", ".txt")):
             if info.context is None:
                 raise Invalid((), shown(value), "", "give pairs of times (s) and values, as jaxmpm.seepage reads them")
-            value = info.context.series(value, file)
+            value = info.context.series(value, self.file)
         if not isinstance(value, list | tuple):
-            return ((0.0, one(value)),)
+            return ((0.0, self._one(value)),)
         if not value or any(not isinstance(each, list | tuple) or len(each) != 2 for each in value):
-            raise Invalid((), shown(value), "", f"give {what}")
-        series = tuple((_read(t, "s", 'times in s, or texts such as "12 h"'), one(each)) for t, each in value)
+            raise Invalid((), shown(value), "", f"give {self.what}")
+        series = tuple((_read(t, "s", 'times in s, or texts such as "12 h"'), self._one(each)) for t, each in value)
         for number, ((before, _), (after, _)) in enumerate(pairwise(series), 2):
             if after <= before:
                 raise Invalid(
@@ -104,24 +136,17 @@ def _in_time(limit: Limit, file: str, remedy: str = "") -> Any:
                 )  # fmt: skip
         return series
 
-    return Annotated[
-        Series,
-        PlainValidator(read, json_schema_input_type=float | str | list[tuple[float | str, float | str]]),
-        Field(json_schema_extra={"unit": limit.unit, "allowed": what}),
-    ]
 
-
-Time = _quantity(from_zero("s"))
-Rate = _in_time(
-    Limit(above=-HEAVIEST, most=HEAVIEST, unit="m/s"), "rain", ', up to 360 mm/h; was mm/h meant? Write "14 mm/h"'
-)
-Conductivity = _quantity(
-    Limit(above=0.0, most=COARSEST, unit="m/s"), ', that of clean gravel; was m/day meant? Write "0.9 m/day"'
-)
-Level = _in_time(Limit(unit="m"), "level")
-Steady = _quantity(
-    Limit(least=0.0, most=HEAVIEST, unit="m/s"), ', up to 360 mm/h; was mm/h or mm a year meant? Write "300 mm/year"'
-)
+Time = Annotated[float, Quantity(from_zero("s"))]
+RAIN = Limit(above=-HEAVIEST, most=HEAVIEST, unit="m/s")
+Rate = Annotated[Series, InTime(RAIN, "rain", ', up to 360 mm/h; was mm/h meant? Write "14 mm/h"')]
+Conductivity = Annotated[
+    float,
+    Quantity(Limit(above=0.0, most=COARSEST, unit="m/s"), ', that of clean gravel; was m/day meant? Write "0.9 m/day"'),
+]
+Level = Annotated[Series, InTime(Limit(unit="m"), "level")]
+STEADY = Limit(least=0.0, most=HEAVIEST, unit="m/s")
+Steady = Annotated[float, Quantity(STEADY, ', up to 360 mm/h; was mm/h or mm a year meant? Write "300 mm/year"')]
 
 
 def _class(name: str) -> str:
@@ -203,9 +228,6 @@ class HydraulicLayer(Hydraulics):
     )
 
 
-Side = _in_time(Limit(unit="m"), "level")
-
-
 def _pressure(value: object, info: ValidationInfo) -> object:
     return info.context.pressure(value) if isinstance(value, str) and info.context is not None else value
 
@@ -264,11 +286,11 @@ class Seepage(Part):
         "Steady rain before time 0, whose flow is the initial state.", "300 mm/year", None,
         otherwise="water at rest, at the height of `[water]`, or of `level` at time 0",
     )  # fmt: skip
-    left: Side | Literal["closed"] | None = key(
+    left: Level | Literal["closed"] | None = key(
         "Level of the groundwater beyond the left end, or `closed`.", 6.0, None,
         otherwise="the water at rest there, closed with `initial_rate`",
     )  # fmt: skip
-    right: Side | Literal["closed"] | None = key("Likewise beyond the right end.", 1.0, None, otherwise="likewise")
+    right: Level | Literal["closed"] | None = key("Likewise beyond the right end.", 1.0, None, otherwise="likewise")
     base: Literal["closed", "free drainage"] = key("Whether water falls out of the base.", "closed", "closed")
     drains: Annotated[tuple[Pair[Metres], ...], Strict(False)] = key(
         "Drain pipes along y, at points (x, z).", [[30.0, 1.0]], (), allowed="points [[x, z], ...]", units="m"
@@ -343,7 +365,8 @@ class Seepage(Part):
         """Level (m) of the pool at a time (s), None without."""
         if self.level is None:
             return None
-        return float(np.interp(time, *zip(*self.level, strict=True)))
+        times, levels = np.array(self.level).T
+        return float(np.interp(time, times, levels))
 
 
 @table

@@ -61,7 +61,7 @@ def _figure(result: InTime) -> Figure:
         axes[1].set(ylabel="rain [mm/h]")
     elif table.level is not None:
         times = np.linspace(0, end, 200)
-        axes[1].plot(times / HOUR, [table.level_at(time) for time in times], color="#0072B2")
+        axes[1].plot(times / HOUR, np.interp(times, *np.array(table.level).T), color="#0072B2")
         axes[1].set(ylabel="level [m]")
     axes[1].set(xlabel="time [h]")
     for ax in axes:

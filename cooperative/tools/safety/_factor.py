@@ -144,8 +144,8 @@ def factor_of_safety(
     if water:
         campaign = replace(campaign, ground=_raised(campaign, water))
     if campaign.seepage is not None:
-        campaign = rested(campaign)
         loads.append(f"water at {campaign.seepage.moment / 3600:g} h")
+        campaign = rested(campaign)
     if sample is not None and not campaign.varies:
         raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
     if sample is not None and not 0 <= sample < campaign.plan.samples:

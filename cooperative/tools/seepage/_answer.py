@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -137,7 +138,8 @@ def lines(result: Wetted) -> Iterator[str]:
     Args:
         result: of `wetted`.
     """
-    flow, campaign = result.campaign.flow, result.campaign
+    campaign = result.campaign
+    flow: Any = campaign.flow
     yield printable(campaign.name)
     unit = "m3" if campaign.dimension == 3 else "m2"
     if hasattr(flow, "steps"):

@@ -6,9 +6,11 @@ import csv
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
@@ -86,7 +88,7 @@ def _pressures(result: Wetted) -> Figure:
     return figure
 
 
-def _field(ax: Axes, result: Wetted, values: np.ndarray, **look: object):  # type: ignore[no-untyped-def]
+def _field(ax: Axes, result: Wetted, values: np.ndarray, **look: Any) -> QuadMesh:
     cells = result.cells
     edges = [cells.corner[k] + cells.spacing[k] * np.arange(cells.shape[k] + 1) for k in (0, len(cells.shape) - 1)]
     ax.set(aspect="equal", ylabel="z [m]")
@@ -109,7 +111,7 @@ def _factors(result: Wetted) -> Figure:
     """Factor of safety against time, above the rain or the level."""
     figure, axes = panels(2, 1, size=(7.0, 2.8))
     known = [each for each in result.moments if each.factor is not None]
-    axes[0].plot([each.time / HOUR for each in known], [each.factor for each in known], "o-", color="#D55E00")
+    axes[0].plot([each.time / HOUR for each in known], [each.factor or np.nan for each in known], "o-", color="#D55E00")
     axes[0].axhline(1.0, color="0.5", lw=0.8, ls=":")
     axes[0].set(ylabel="factor of safety by slices")
     axes[0].set_title(literal(result.campaign.name), loc="left")
@@ -122,7 +124,7 @@ def _factors(result: Wetted) -> Figure:
         axes[1].set(ylabel="rain [mm/h]")
     elif table.level is not None:
         times = np.linspace(0, end, 200)
-        axes[1].plot(times / HOUR, [table.level_at(time) for time in times], color="#0072B2")
+        axes[1].plot(times / HOUR, np.interp(times, *np.array(table.level).T), color="#0072B2")
         axes[1].set(ylabel="level [m]")
     axes[1].set(xlabel="time [h]", xlim=(0, end / HOUR))
     axes[0].set(xlim=(0, end / HOUR))
