@@ -20,6 +20,7 @@ import numpy as np
 
 from benchmarks.accuracy import seepage_exact as exact
 from benchmarks.accuracy.seepage_in_time import coverage_rows
+from benchmarks.accuracy.seepage_slopes import drawdown_rows, free_surface_row
 from benchmarks.measure import Report
 from jaxmpm import seepage
 
@@ -469,6 +470,7 @@ def run(quick: bool) -> Report:
     with jax.enable_x64(False):
         costs = list(cost_rows(quick))
         covered = list(coverage_rows(quick))
+        surface, drawdown = free_surface_row(2.0 if quick else 1.0), [] if quick else list(drawdown_rows())
     finest = {row["case"]: row for row in (*rain, *philip)}
     last = {row["case"]: row for row in (*tracy, *orders)}
     balanced = (*celia, *rain, *philip, *extremes, precision[0])
@@ -486,10 +488,12 @@ def run(quick: bool) -> Report:
         "water_balance_max": max(row["water_lost"] for row in balanced),
         "gradient_error": max(row["error"] for row in gradients),
         "float32_head_error_m": precision[-1]["error"],
+        "free_surface_error": surface["error"],
+        "slow_drawdown_error_max": max((abs(row["error"]) for row in drawdown), default=None),
         "pf_in_time_coverage_min": min(row["coverage"] for row in covered),
         "extremes_not_done": sum(row["status"] != "DONE" for row in extremes),
     }
     values |= {f"seconds_per_sample_{row['cells']}_cells": row["seconds_per_sample"] for row in costs}
     rows = [*celia, *rain, *philip, *dam, *drains, parallel, *tracy, *orders, *gradients, *precision, *extremes, *costs]
-    rows += covered
+    rows += [surface, *drawdown, *covered]
     return Report(values, rows)

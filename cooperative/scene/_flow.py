@@ -265,7 +265,9 @@ def flow_of(campaign: Campaign) -> PressureInTime:
         rained, runoff = float(np.sum(np.asarray(flow.record.rain))), float(flow.runoff)
         heads = [np.asarray(head, float) for head in flow.head]
         known = tuple(_host(Heads.of(problem, head)) for head in flow.head)
-    full = next((time for time, head in zip(times, heads, strict=True) if _full(cells, head)), None)
+    # Under a pool it is no wonder that it is.
+    filled = table.rate is not None and max(rate for _, rate in table.rate) > 0
+    full = next((t for t, head in zip(times, heads, strict=True) if t > 0 and filled and _full(cells, head)), None)
     if full is not None:
         check.warn(
             f"the ground is saturated to its surface from {full:g} s on: all further rain runs off; is that meant, and "

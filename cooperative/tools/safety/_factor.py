@@ -246,15 +246,18 @@ def slices_of_sample(model: GridModel, coefficients: np.ndarray | None) -> Slice
 
 
 def slices_at_rest(campaign: Campaign) -> Slices:
-    """The section of a campaign whose ground rests under the pressure of a time, with the strength of its soil's means.
+    """The section of a campaign with the strength of its soil's means, under its own water or the pressure of a time.
 
     Args:
-        campaign: as of `cooperative.scene.rested`.
+        campaign: of which water that moves rests, as of `cooperative.scene.rested`.
 
     Raises:
         ValueError: limit equilibrium does not apply to its ground or its soil.
     """
-    return _sliced(campaign, campaign.site.soils(campaign.soil), None, None)
+    site = campaign.site
+    if isinstance(site.water_table, Raster):
+        raise ValueError("limit equilibrium is for sections, whose water is a level or a line")
+    return _sliced(campaign, site.soils(campaign.soil), site.water_table, None)
 
 
 def sample_strength(model: GridModel, coefficients: np.ndarray) -> Strength:
