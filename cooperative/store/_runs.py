@@ -153,8 +153,8 @@ def _write_fields(store: Store, grid: str, sample: Sample) -> str:
 
 
 def read_rows(
-    store: Store,
-    grid: str,
+    store: Store | str | Path,
+    grid: str = "refined",
     *,
     foreign: Callable[[Record], str | None] = lambda record: None,
     check: Callable[[], None] = lambda: None,
@@ -167,15 +167,26 @@ def read_rows(
     the database, once it has copied that to `*.damaged`, so that their samples are run again.
 
     Args:
-        store: the campaign's folder.
+        store: the campaign's folder, open or its path, or that of its campaign.db.
         grid: "coarse", "rough", "refined" or "slides".
         foreign: what a whole run holds that the scene does not have; then it is damaged. None if nothing.
         check: called before each row, may raise to stop.
 
     Raises:
         DamagedFile: the database is damaged.
+        ValueError: the path leads to no campaign.
         OSError: the system refuses.
+
+    Example:
+        >>> import cooperative
+        >>> rows = cooperative.read_rows("out/campaign.db")  # doctest: +SKIP
+        >>> rows.columns["displacement"].max()  # doctest: +SKIP
     """
+    if not isinstance(store, Store):
+        from cooperative.store._opened import read_store  # which writes rows, too
+
+        path = Path(store)
+        store = read_store(path.parent if path.name == sql.DATABASE else path)
     records, bad = dict[int, Record](), dict[tuple[Value, Value], str]()
     folder = store.folder / FIELDS
     there = set(os.listdir(folder)) if folder.is_dir() and not folder.is_symlink() else set[str]()

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from dataclasses import replace
 from itertools import count, islice, zip_longest
 from typing import Any
 
+import jax
 import numpy as np
 from jax import Array
+from tqdm import tqdm
 
 from jaxmpm.run._batch import Batch, Chunk, Midway, Sample
 from jaxmpm.run._checks import check_state
@@ -29,6 +34,8 @@ def solve_each(
     rules: Sequence[Rule | Condition] = (),
     slides_end: SlidesEnd | None = None,
     every: float = 0.25,
+    snapshots: Sequence[float] = (),
+    progress: bool = False,
     on_chunk: Callable[[Chunk], None] | None = None,
     observe: Callable[[int, float, Midway], None] | None = None,
     resume: Callable[[int], Midway | None] | None = None,
@@ -54,6 +61,9 @@ def solve_each(
         slides_end: when a sample ends that slides at t_end; None for then. Its motion before t_end, and all other
             samples, do not change.
         every: time between two looks at the rules (s).
+        snapshots: times (s) for each of which a result has the state of the first look from then on, with its own
+            time; a sample that has ended has its last one.
+        progress: show a bar with the samples that have ended.
         on_chunk: called after every chunk.
         observe: called with (number, seconds simulated, midway) of every sample after every chunk, about each
             `every`.
@@ -65,7 +75,7 @@ def solve_each(
 
     Raises:
         ValueError: If the width is below 1, a name is no parameter, values have other shapes or numbers, an end of a
-            run is invalid, or a number in `scene` itself is beyond its limit.
+            run or the time of a snapshot is invalid, or a number in `scene` itself is beyond its limit.
 
     Example:
         >>> import jaxmpm as mpm
@@ -82,6 +92,9 @@ def solve_each(
         raise ValueError(
             f"slides_end = {slides_end.time:g} s lies before t_end = {t_end:g} s: give a time from then on"
         )
+    outside = [time for time in snapshots if not 0 <= time <= t_end]
+    if outside:
+        raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")
     check_state(scene, state, None)
     checked = check_rules(rules, scene, state)
     check_scene(scene)
@@ -93,18 +106,34 @@ def solve_each(
     first = list(islice(samples, width))
     if not first:
         return
+    sizes = [len(column) for column in varied.values() if isinstance(column, Sized)]
+    taken, times = defaultdict[int, list[tuple[float, State]]](list), sorted(snapshots)
     batch = Batch.of(scene, first, checked, t_end=t_end, every=every)
-    while batch.busy:
-        batch = batch.advanced(slides_end)
-        if on_chunk is not None:
-            on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
-        if observe is not None:
-            for lane in batch.busy:
-                observe(batch.number(lane), batch.seconds(lane), batch.midway(lane))
-        for lane in batch.ended:
-            yield batch.number(lane), batch.result(lane)
-            batch = batch.refill(lane, next(samples, None))
-        batch = batch.shrink(len(first))
+    # A generator that is left half way closes its bar.
+    with tqdm(total=min(sizes, default=None), unit="run", disable=not progress) as bar:
+        while batch.busy:
+            batch = batch.advanced(slides_end)
+            if on_chunk is not None:
+                on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
+            if observe is not None:
+                for lane in batch.busy:
+                    observe(batch.number(lane), batch.seconds(lane), batch.midway(lane))
+            for lane in batch.busy if times else ():
+                states, now = taken[batch.number(lane)], batch.seconds(lane)
+                due = bisect_right(times, now) - len(states)
+                states += [(now, jax.device_get(batch.midway(lane).state))] * due if due > 0 else []
+            for lane in batch.ended:
+                number, result, end = batch.number(lane), batch.result(lane), batch.seconds(lane)
+                if times:
+                    seen = taken.pop(number, [])
+                    seen += [(end, result.state)] * (len(times) - len(seen))
+                    result = replace(
+                        result, times=tuple(time for time, _ in seen), snapshots=tuple(state for _, state in seen)
+                    )
+                bar.update()
+                yield number, result
+                batch = batch.refill(lane, next(samples, None))
+            batch = batch.shrink(len(first))
 
 
 def _drawn(

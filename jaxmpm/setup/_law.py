@@ -38,14 +38,10 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
             exceeds friction.
     """
     check.within_limits(scene)
-    at_once(_check_laws, scene, axes)
-
-
-def _check_laws(scene: Scene, axes: Scene | None) -> None:
     laws = laws_of(scene.material)
     for law, own in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
         if not check.is_traced(law):
-            _check_together(law, own if jax.tree.leaves(own) else None)
+            at_once(_check_together, law, own if jax.tree.leaves(own) else None)
 
 
 def _check_together(law: Material, axes: Material | None) -> None:

@@ -25,7 +25,7 @@ from cooperative.scene import (
 from cooperative.tools.safety._moving import MovingWater
 from cooperative.tools.safety._search import Critical, critical_surface
 from cooperative.tools.safety._slices import SHALLOWEST, Slices, Strength
-from jaxmpm import Layer, Scene, Section, State, diagnostics
+from jaxmpm import Layer, Raster, Scene, Section, State, diagnostics
 from jaxmpm.ground import as_section
 from jaxmpm.laws import WaterTable, declared
 from jaxmpm.run import FactorOfSafety

@@ -165,3 +165,11 @@ def test_soil_with_friction_is_ranked_too():
     weak, strong = rank_by_slices(campaign, np.stack([np.zeros(modes), 2 * np.eye(modes)[0]]))
     assert weak != strong
     assert np.isfinite([weak, strong]).all()
+
+
+def test_rows_are_read_by_the_path_of_the_folder_or_its_database(done):
+    known = read_rows(read_store(done[0]), "refined").columns["displacement"]
+    for path in (done[0], str(done[0]), done[0] / "campaign.db"):
+        assert (read_rows(path).columns["displacement"] == known).all()
+    with pytest.raises(ValueError, match="holds no campaign"):
+        read_rows(done[0].parent)

@@ -102,6 +102,38 @@ def test_a_batch_of_soils_is_each_of_them():
     assert np.asarray(each) == pytest.approx([float(measure(clay(float(y), 20e3, 9e3))) for y in young], rel=1e-4)
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_contact_is_a_field_that_a_run_is_differentiated_by(dimension):
+    flat = [(0, 4), (4, 4), (4, 0), (10, 0)]
+    with jax.enable_x64(True):
+        soil, contact = mpm.FrictionalSoil(1e2, 28.0, young=2e5), Interface(20.0, 50.0)
+        if dimension == 2:
+            scene, state = mpm.section(mpm.Section(flat, interface=contact), soil, grid())
+        else:
+            raster = mpm.Raster(np.repeat([4.0, 4.0, 4.0, 0.0, 0.0, 0.0], 2).reshape(6, 2), (0.0, 0.0), 2.0)
+            shape = mpm.Terrain(raster, 0.0, (0.0, 10.0), (0.0, 2.0), interface=contact)
+            scene, state = mpm.terrain(shape, soil, grid(3))
+        nodes = mpm.ground.Contact.of(scene)
+
+        def moved(friction, cohesion):
+            strength = {"wall_friction": nodes.spread(friction), "wall_cohesion": nodes.spread(cohesion)}
+            final, _ = mpm.replay(*mpm.with_soil(scene, state, **strength), 60)
+            return jnp.sum(final.displacement[0])
+
+        count = nodes.nodes.size
+        at = jnp.linspace(0.3, 0.5, count), jnp.linspace(40.0, 80.0, count)
+        gradient = jax.jit(jax.grad(moved, (0, 1)))(*at)
+        for which, slope in enumerate(gradient):
+            node = int(np.argmax(np.abs(slope)))
+            way = jnp.zeros(count).at[node].set(1.0)
+
+            def along(step, which=which, way=way):
+                return moved(*(each + step * way if k == which else each for k, each in enumerate(at)))
+
+            known = difference(along, 1e-5 * float(at[which][node]))
+            assert float(slope[node]) == pytest.approx(known, rel=1e-5)
+
+
 def test_a_run_is_differentiated_with_its_set_up():
     def front(level):
         scene, state = mpm.section(mpm.Section(SURFACE), mpm.Soil(strength=4e3, young=1e7), grid(), water=level)

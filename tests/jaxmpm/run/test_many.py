@@ -175,3 +175,44 @@ def test_a_lane_alone_runs_without_the_selects_of_a_batch(monkeypatch):
     assert alone.count("select_n") < batch.count("select_n")
     for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True):
         np.testing.assert_allclose(a[0], b[0], rtol=1e-6, atol=1e-6 * np.abs(b).max())
+
+
+def test_snapshots_of_each_sample_are_states_on_its_way():
+    scene, _ = mpm.column(4.0, mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+    still = mpm.unstressed(scene)
+    strengths = [9e3, 20e3, 30e3]
+    runs = dict(
+        mpm.solve_each(
+            scene, still, {"strength": strengths}, width=2, t_end=0.4, every=0.05, snapshots=[0.31, 0.1, 0.4]
+        )
+    )
+    assert runs.keys() == {0, 1, 2}
+    for number, result in runs.items():
+        dt = float(result.time_step)
+        assert list(result.times) == pytest.approx([0.1, 0.31, 0.4], abs=0.051)
+        assert all(time >= due - dt for time, due in zip(result.times, [0.1, 0.31, 0.4], strict=True))
+        for time, snapshot in zip(result.times, result.snapshots, strict=True):
+            assert int(snapshot.step) * dt == pytest.approx(time)
+        varied, start = mpm.with_soil(scene, still, strength=strengths[number])
+        first = result.snapshots[0]
+        known, _ = mpm.replay(varied, start, int(first.step))
+        assert np.asarray(first.displacement) == pytest.approx(np.asarray(known.displacement), abs=1e-7)
+        assert np.array_equal(result.snapshots[-1].displacement, result.state.displacement)
+
+
+def test_a_sample_that_ends_early_keeps_its_last_state_and_a_bar_counts_samples(capsys):
+    scene, state = mpm.column(4.0, mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+    runs = mpm.solve_each(
+        scene, state, {"strength": [9e3, 20e3]}, width=1, t_end=5.0, rules=[lambda scene, state: state.step > 60], snapshots=[4.9],
+        progress=True,
+    )  # fmt: skip
+    for _, result in runs:
+        assert result.times[0] == pytest.approx(float(result.state.step) * float(result.time_step))
+        assert result.times[0] < 4.9
+    assert "2/2" in capsys.readouterr().err
+
+
+def test_snapshots_outside_the_run_are_refused():
+    scene, state = mpm.column(4.0, mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+    with pytest.raises(ValueError, match=r"snapshots at \[2.0\] s lie outside the run"):
+        next(mpm.solve_each(scene, state, {"strength": [9e3]}, width=1, t_end=1.0, snapshots=[2.0]))
