@@ -203,8 +203,8 @@ def test_snapshots_of_each_sample_are_states_on_its_way():
 def test_a_sample_that_ends_early_keeps_its_last_state_and_a_bar_counts_samples(capsys):
     scene, state = mpm.column(4.0, mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5,)))
     runs = mpm.solve_each(
-        scene, state, {"strength": [9e3, 20e3]}, width=1, t_end=5.0, rules=[lambda scene, state: state.step > 60], snapshots=[4.9],
-        progress=True,
+        scene, state, {"strength": [9e3, 20e3]}, width=1, t_end=5.0, rules=[lambda scene, state: state.step > 60],
+        snapshots=[4.9], progress=True,
     )  # fmt: skip
     for _, result in runs:
         assert result.times[0] == pytest.approx(float(result.state.step) * float(result.time_step))
