@@ -129,7 +129,7 @@ class Campaign(Part):
         if isinstance(site := values.get("ground"), Site) and not isinstance(site.shape, FromScript):
             ground.check_ground(site.shape)
             bands = partial(_with_band, height=site.height)
-            layers = (replace(each, layer=replace(each.layer, soil=bands(each.layer.soil))) for each in site.layers)
+            layers = (replace(part, layer=replace(part.layer, soil=bands(part.layer.soil))) for part in site.layers)
             values |= {"ground": replace(site, layers=tuple(layers)), "soil": bands(values.get("soil"))}
         if values.get("exposed") and values.get("hazard") is None:
             values["hazard"] = Hazard()

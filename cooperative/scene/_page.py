@@ -32,16 +32,16 @@ def json_schema() -> dict[str, object]:
     """JSON schema (draft 2020-12) of a scene, in which a description gives unit and default in words too."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     schema = copy.deepcopy(tables.schema_of(tables.Scene))
-    known = schema["$defs"]
+    definitions = schema["$defs"]
     # A layer takes from [soil] what it leaves out.
-    layer = json.loads(json.dumps(known["Layer"]).replace("/RandomField", "/RandomFieldOfLayer"))
-    field = copy.deepcopy(known["RandomField"])
+    layer = json.loads(json.dumps(definitions["Layer"]).replace("/RandomField", "/RandomFieldOfLayer"))
+    field = copy.deepcopy(definitions["RandomField"])
     del field["properties"]["sampled_at"], field["required"], layer["required"]
-    inherited = [layer["properties"][name] for name in known["Soil"]["properties"]]
+    inherited = [layer["properties"][name] for name in definitions["Soil"]["properties"]]
     for key in (*inherited, *field["properties"].values()):
         key.pop("default", None)
         key["otherwise"] = "that of [soil]"
-    known |= {"Layer": layer, "RandomFieldOfLayer": field}
+    definitions |= {"Layer": layer, "RandomFieldOfLayer": field}
     return {**head, **_plain(schema)}
 
 

@@ -77,11 +77,11 @@ def fields_of(
 def _ask_of_field(name: str, field: RandomField, home: str) -> None:
     """Raise what betrays another unit of the numbers of a field, or another order of its lengths."""
     meant, gathered = ON_PURPOSE.format(home), Gathered()
-    asked = {"mean": (field.mean, None), "cov": (field.cov, COV), "borehole_error": (field.borehole_error, ERROR)}
+    numbers = {"mean": (field.mean, None), "cov": (field.cov, COV), "borehole_error": (field.borehole_error, ERROR)}
     # Angles may well come down to a degree.
     ends = ("upper",) if LIMITS[name].unit == "degrees" else ("lower", "upper")
-    asked |= {end: (getattr(field, end) or 0.0, None) for end in ends}
-    for key, (value, plausible) in asked.items():
+    numbers |= {end: (getattr(field, end) or 0.0, None) for end in ends}
+    for key, (value, plausible) in numbers.items():
         with gathered.of(), at(key):
             ask(name, value, plausible, home)
     if slip := field.trend and name in TRENDS and unit_slip(name, abs(field.trend), TRENDS[name]):

@@ -118,10 +118,12 @@ def _soil_of(
     return _built(values), {name: random[name] for name in LIMITS if name in random}
 
 
-def _layer_of(scene: tables.Scene, number: int, given: Mapping[str, object], random: Random, ground: Site) -> SiteLayer:
+def _layer_of(
+    scene: tables.Scene, number: int, written: Mapping[str, object], random: Random, ground: Site
+) -> SiteLayer:
     """A layer of a scene: its soil, the fields of what varies in it, and the parameters whose field stops at it.
 
-    given: its table as it stands in the scene. random: what varies in the soil of the whole scene. Raises Invalid as
+    written: its table as it stands in the scene. random: what varies in the soil of the whole scene. Raises Invalid as
     `_soil_of` does, and for what a layer cannot have.
     """
     table, where = scene.layer[number], ("layer", number)
@@ -130,7 +132,7 @@ def _layer_of(scene: tables.Scene, number: int, given: Mapping[str, object], ran
         soil, varying = _rock(table), cast(Random, {})
     else:
         soil, varying = _soil_of(table, where, ground)
-        stops = tuple(name for name in varying if "length" in table_of(given, name))
+        stops = tuple(name for name in varying if "length" in table_of(written, name))
     for name, field in varying.items():
         if name not in stops:
             _check_through(scene, (*where, name), field, random.get(name))

@@ -91,27 +91,11 @@ def _campaign(scene: tables.Scene, source: Source, estimator: Estimator | None) 
         random = {**random, **{f"interface_{name}": field for name, field in of_contact.items()}}
         with at(where, "interface"):
             site = on_ground(site, contact, soil)
-    campaign = Campaign(
-        name=scene.name,
-        ground=site,
-        soil=soil,
-        random=site.all_random(random),
-        cross_correlation=scene.cross_correlation,
-        coarse=scene.coarse,
-        rough=scene.rough,
-        refined=scene.refined,
-        run=scene.run,
-        motion=scene.motion,
-        rain=scene.rain,
-        drawdown=scene.drawdown,
-        plan=scene.campaign.plan,
-        estimator=estimator
-        or (cast(Estimator, tables.FromScript("estimator", given)) if given else scene.campaign.chosen),
-        hazard=scene.hazard,
-        exposed=tuple(scene.exposed or ()),
-        measured=tables.Measured(calibration=scene.calibration, limit_load=scene.limit_load),
-        source=source,
-    )
+    campaign = tables.made(
+        Campaign, scene, ground=site, soil=soil, random=site.all_random(random), plan=scene.campaign.plan,
+        estimator=estimator or (tables.FromScript("estimator", given) if given else scene.campaign.chosen),
+        exposed=tuple(scene.exposed or ()), measured=tables.made(tables.Measured, scene), source=source,
+    )  # fmt: skip
     check_grids(campaign)
     return campaign
 

@@ -17,7 +17,7 @@ from cooperative.scene.tables._reading import (
     table_in,
     wanted,
 )
-from cooperative.scene.tables._run import CFL, Run
+from cooperative.scene.tables._run import Run
 from cooperative.scene.tables._scene import SITES, STORED, Scene
 from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, Seepage
 from cooperative.scene.tables._soil import Layer, Soil, is_frictional
@@ -39,7 +39,6 @@ from cooperative.scene.tables._varying import (
 __all__ = [
     "ACCELERATIONS",
     "AXES",
-    "CFL",
     "CONTACT",
     "CORRELATIONS",
     "EXTRAS",

@@ -269,9 +269,9 @@ class Water(Part):
 
     @validates(mode="after")
     def _one(self) -> Self:
-        if len(given := [key.name for key in fields(self) if getattr(self, key.name) is not None]) != 1:
+        if len(names := [key.name for key in fields(self) if getattr(self, key.name) is not None]) != 1:
             raise Invalid(
-                (), None, f"has {' and '.join(given) or 'nothing'}",
+                (), None, f"has {' and '.join(names) or 'nothing'}",
                 "give one of level, depth, r_u and, in a section, table, or in a terrain raster",
             )  # fmt: skip
         return self

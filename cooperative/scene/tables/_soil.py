@@ -58,7 +58,9 @@ def _of(parameter: str) -> Within:
 def _default(parameter: str) -> str:
     """The solver's default of what a scene leaves out, in words."""
     value: Any = getattr(UndrainedSoil, parameter, getattr(FrictionalSoil, parameter, None))
-    named = {each: name for choices in (CRITERIA, MATCHINGS, DECAYS, PLASTIC_STRAINS) for name, each in choices.items()}
+    named = {
+        choice: name for choices in (CRITERIA, MATCHINGS, DECAYS, PLASTIC_STRAINS) for name, choice in choices.items()
+    }
     return f"`{json.dumps(value if isinstance(value, bool | float) else named[value])}`"
 
 
@@ -187,8 +189,8 @@ class Soil(Part):
     @property
     def values(self) -> dict[str, Any]:
         """What is given of the soil, by key."""
-        given = {part.name: getattr(self, part.name) for part in fields(Soil)}
-        return {name: value for name, value in given.items() if value is not None}
+        values = {part.name: getattr(self, part.name) for part in fields(Soil)}
+        return {name: value for name, value in values.items() if value is not None}
 
     def check_kind(self, home: str) -> None:
         """Check that clay has a strength, other soil cohesion and friction, and neither has what is the other's.
@@ -286,9 +288,9 @@ def with_soil(layer: Mapping[str, object], scene: Mapping[str, object]) -> dict[
     for name, value in layer.items():
         if isinstance(value, dict) and name in keys(Soil):
             with at(name):
-                _check_own(value, rock=layer.get("rock") is True)
+                _check_field(value, rock=layer.get("rock") is True)
             alone = OF_ALL_LAYERS if "length" in value else ()
-            merged[name] = {key: each for key, each in table_of(soil, name).items() if key not in alone} | value
+            merged[name] = {key: part for key, part in table_of(soil, name).items() if key not in alone} | value
     return merged
 
 
@@ -299,7 +301,7 @@ def is_frictional(soil: Collection[str]) -> bool | None:
     return None if {"strength", "strength_ratio"}.isdisjoint(soil) else False
 
 
-def _check_own(field: Mapping[str, object], *, rock: bool) -> None:
+def _check_field(field: Mapping[str, object], *, rock: bool) -> None:
     """Raise Invalid for a table of a layer's own that it cannot have."""
     if rock:
         raise Invalid((), None, "is of rock, in which nothing varies", "leave that table out")
