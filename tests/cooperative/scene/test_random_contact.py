@@ -129,7 +129,7 @@ def test_a_trend_grows_with_depth_and_correlation_goes_with_the_soil():
     [
         ("mean = 4e3", "mean = 4.0", r"\[ground.interface.cohesion\] mean = 4 .* kPa"),
         ("cov = 0.2", "cov = 0.8", r"\[ground.interface.friction\] has values of"),
-        ("length = [3.0, inf]", "length = [3.0]", "length of interface_cohesion has 1 values: give 2"),
+        ("length = [3.0, inf]", "length = [3.0]", "interface_cohesion has a length of 1 values: give 2"),
     ],
 )
 def test_fields_that_no_contact_has_are_refused(old, new, why):
