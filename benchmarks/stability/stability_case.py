@@ -100,7 +100,8 @@ class Energies:
     """Where the energy of a run went (J): what is stored at its end less at its start, what is spent, what came in.
 
     The work of the ground that bodies rest on is none where walls hold velocities at 0. Its traction across gaps to
-    undrained soil (`jaxmpm.equations.closed`) is friction, which acts on soil that moves.
+    undrained soil (`jaxmpm.equations.closed`) is friction, which acts on soil that moves, and so is that across gaps
+    between soils (`jaxmpm.equations.bridged`).
     """
 
     kinetic: Array
@@ -137,7 +138,7 @@ def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.Sta
             # What closes a gap is no strain of the law, which so does not know its volume.
             old = replace(old, history=(*old.history[:2], old.volume_ratio))
         new = mpm.advance(scene, old, 1)
-        if equations.sheared(scene) is not False:
+        if equations.undrained(scene) is not False:
             ground = ground + work_across_gaps(scene, old)
         if scene.numerics.damping is not None:
             halves = diagnostics.kinetic_energy(scene, old) + diagnostics.kinetic_energy(scene, new)
@@ -163,13 +164,17 @@ def metered_run(scene: mpm.Scene, state: mpm.State, steps: int) -> tuple[mpm.Sta
 
 
 def work_across_gaps(scene: mpm.Scene, state: mpm.State) -> Array:
-    """Energy (J) that the traction of rigid ground across gaps takes from soil in the next step."""
+    """Energy (J) that traction across gaps takes from soil in the next step."""
     dt, maps = scene.numerics.time_step, equations.Maps(scene, equations.grid_position(scene, state))
     nodal = equations.particles_to_grid(scene, state, dt, maps)
     volume = scene.particles.volume * state.volume_ratio
-    stress = maps.to_grid(None, equations.acting_stress(scene, state.stress, volume, maps))
-    gap = equations.gaps(scene, nodal.mass[:, 0])
-    traction = equations.closed(scene, gap, stress, nodal.undrained) - stress
+    acting, d = equations.acting_stress(scene, state.stress, volume, maps), scene.grid.dimension
+    sums = maps.to_grid(None, acting, equations.by_levels(scene, volume, acting))
+    stress = sums[:, :d]
+    force = equations.bridged(scene, sums[:, d:], stress) if d > 1 else stress
+    if equations.sheared(scene) is not False:
+        force = equations.closed(scene, equations.gaps(scene, nodal.mass[:, 0]), force, nodal.undrained)
+    traction = force - stress
     before, after = equations.nodal_velocity(nodal), equations.move_grid(scene, nodal, state.step * dt, dt).velocity
     return -dt / 2 * jnp.sum(traction * (before + after))
 

@@ -1,4 +1,4 @@
-"""Stability cases of undrained soil that slides along rigid ground above which it lies by a share of a cell.
+"""Stability cases of undrained soil that slides along ground above which it lies by a share of a cell.
 
 A slab of clay with tied ends, its weight in its stress, is thrown along the ground. Its drag is that of the clay, or of
 the contact, on all of its area, at every gap.
@@ -22,10 +22,13 @@ COHESION, SPEED, WEIGHT = 20e3, 3.0, 20e3
 FIRST, LAST = 0.05, 0.25
 """Times (s) between which the drag is measured: a wave of shear has gone through the slab before."""
 
+RINGING = 0.2, 1.0
+"""The same on a bed of clay, whose upper soil and the slab's lower soil swing against each other for 0.3 s at their
+common nodes: the drag of 0.2 s is 1.4 or 0.7 of its mean over periods."""
+
 ERROR = 0.05
 """Largest error of the drag, and of the distance to a stop, as a share."""
 
-BETWEEN_SOILS = "known limit: between two soils no node tells a gap from a cell that is partly filled"
 STICKS = "known limit: half a cell sticks to the nodes of a fixed base at once; an interface has no such layer"
 
 GAPS = (0.0, 0.25, 0.5, 0.75)
@@ -89,14 +92,14 @@ def drag_row(ground: str, gap: float, **choices: Any) -> Row:
     def momentum(at: mpm.State) -> float:
         return float(jnp.sum(mass * at.velocity[0]))
 
-    start = mpm.advance(scene, state, jnp.asarray(int(FIRST / dt)))
-    steps = int((LAST - FIRST) / dt)
+    first, last = RINGING if ground == "clay" else (FIRST, LAST)
+    start = mpm.advance(scene, state, jnp.asarray(int(first / dt)))
+    steps = int((last - first) / dt)
     end = mpm.advance(scene, start, jnp.asarray(steps))
     drag = (momentum(start) - momentum(end)) / (steps * dt * COHESION * 2.0 ** (choices.get("dimension", 2) - 1))
     where = "".join(f", {name} {value:g}" for name, value in choices.items() if name in ("dimension", "offset"))
     case = f"slab of clay on {ground}, gap {gap:g} of a cell{where}: drag against cohesion times area"
-    row = judged(case, abs(drag - 1), ERROR, "relative", status=status_of(end), drag=round(drag, 3))
-    return row if row["passed"] or ground != "clay" else row | {"why": BETWEEN_SOILS}
+    return judged(case, abs(drag - 1), ERROR, "relative", status=status_of(end), drag=round(drag, 3))
 
 
 def stop_row(ground: str, cells: int) -> Row:

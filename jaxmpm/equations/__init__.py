@@ -1,7 +1,7 @@
 """Equations of a step: transfers, motion of the nodes, stress, and free field; `jaxmpm.step` applies them in order."""
 
 from jaxmpm.equations._free_field import beyond_ends, free_field
-from jaxmpm.equations._gaps import closed, gap_of, gaps, sheared
+from jaxmpm.equations._gaps import bridged, by_levels, closed, gap_of, gaps, sheared, undrained
 from jaxmpm.equations._maps import MASS_FLOOR, Maps, grid_position, reciprocal
 from jaxmpm.equations._nodes import (
     GridMotion,
@@ -22,6 +22,8 @@ __all__ = [
     "Nodal",
     "acting_stress",
     "beyond_ends",
+    "bridged",
+    "by_levels",
     "closed",
     "external_force",
     "felt_gravity",
@@ -35,5 +37,6 @@ __all__ = [
     "pushed",
     "reciprocal",
     "sheared",
+    "undrained",
     "update_stress",
 ]

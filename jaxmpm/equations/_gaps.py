@@ -1,10 +1,13 @@
-"""Soil that lies a share of a cell above rigid ground, and the traction that the ground then has on it.
+"""Soil that lies a share of a cell above rigid ground or other soil, and the traction that it then has on it.
 
 Soil in the cell next to rigid ground is supported by the nodes on that ground, and so may come to rest anywhere in this
 cell. Its stress acts on the grid by its volume. Where soil fills a share of the cell, its pressure rises until it bears
 the weight, and friction with it. Undrained strength does not depend on pressure: a fixed base would hold such soil by
 `1 - gap` of its strength. So the traction along the ground is that of a cell which the soil fills down to the ground.
 The forces normal to the ground are left as they are: there energy would not be conserved in an impact.
+
+Between two bodies of soil a gap leaves cells that are partly filled, with fuller ones above and below. The soil in them
+would transmit its shear stress by their share alone, so its traction is that of a cell as full as those.
 """
 
 from __future__ import annotations
@@ -17,11 +20,18 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.laws import Elastic, frictional
+from jaxmpm.tensors import ACTING, AXES, VOIGT
 from jaxmpm.types import Scene
 
 NARROW, WIDE = 0.02, 0.85
 """Gaps, as shares of a cell, up to which soil counts as touching the ground, and that count at most. Between the first
 and twice that a gap counts more and more, so that forces do not jump."""
+
+UNEVEN = 0.05
+"""Share up to which a cell within soil may hold less than those above and below without a gap, likewise."""
+
+REACHES = 0.25
+"""Share of a cell from which soil in it joins the cell beyond it; with less, in proportion."""
 
 
 class Ground(NamedTuple):
@@ -53,15 +63,21 @@ class Ground(NamedTuple):
 
 
 def sheared(scene: Scene) -> Array | bool:
-    """Whether undrained soil may shear along rigid ground, of soil of both kinds which particles are undrained (N,).
+    """Whether undrained soil may shear along rigid ground, of soil of both kinds which particles are undrained (N,)."""
+    boundary = scene.boundary
+    holds = boundary.cut is not None or boundary.base is not None or any(w.hold != "roller" for w in boundary.walls)
+    return holds and undrained(scene)
+
+
+def undrained(scene: Scene) -> Array | bool:
+    """Whether soil yields at a strength that does not depend on pressure, of soil of both kinds which (N,).
 
     A body that does not yield has no strength that a gap could take.
     """
     if isinstance(scene.material, Elastic):
         return False
-    kind, boundary = frictional(scene.material), scene.boundary
-    holds = boundary.cut is not None or boundary.base is not None or any(w.hold != "roller" for w in boundary.walls)
-    return ~kind if holds and not isinstance(kind, bool) else holds and not kind
+    kind = frictional(scene.material)
+    return not kind if isinstance(kind, bool) else ~kind
 
 
 def gaps(scene: Scene, mass: Array) -> Array | None:
@@ -93,8 +109,12 @@ def gap_of(first: Array, second: Array) -> Array:
     # From a half on there is no gap; the square of a ratio to the mass at a node that soil barely reaches overflows.
     ratio = jnp.minimum(first / jnp.where(second > 0, second, jnp.inf), 1)
     # Without soil the root is 1, where it has a derivative.
-    gap = (1 - jnp.sqrt(jnp.where(ratio > 0, ratio + 2 * ratio**2, 1))) / (1 + ratio)
-    return jnp.minimum(gap, WIDE) * jnp.clip(gap / NARROW - 1, 0, 1)
+    return _counted((1 - jnp.sqrt(jnp.where(ratio > 0, ratio + 2 * ratio**2, 1))) / (1 + ratio), NARROW)
+
+
+def _counted(gap: Array, narrow: float) -> Array:
+    """A gap as it counts: not at all up to `narrow`, and at most as WIDE."""
+    return jnp.minimum(gap, WIDE) * jnp.clip(gap / narrow - 1, 0, 1)
 
 
 def closed(
@@ -129,6 +149,64 @@ def closed(
         lacks, planes = jnp.where(along, share[..., None] * motion, 0), shape[ground.axis]
         result = result + ground.padded(lacks, planes) - ground.padded(lacks, planes, ground.inward)
     return result.reshape(force.shape)
+
+
+def by_levels(scene: Scene, volume: Array, acting: Array) -> Array | None:
+    """What `bridged` needs of the particles, to be mapped by the weights' derivative upwards.
+
+    Args:
+        scene: of the particles.
+        volume: current one (N,) m3.
+        acting: volume times stress components (s, N) that act on the grid (J).
+
+    Returns:
+        (d, N) volume (m3), and the stress of undrained soil along level planes (J); None for a scene without any.
+    """
+    d, soft = scene.grid.dimension, undrained(scene)
+    if d == 1 or soft is False:
+        return None
+    along = [acting[ACTING[d].index(VOIGT[axis][2])] for axis in AXES[d][:-1]]
+    return jnp.stack([volume, *(stress if soft is True else jnp.where(soft, stress, 0) for stress in along)])
+
+
+def bridged(scene: Scene, levels: Array, force: Array) -> Array:
+    """Forces of the soil's stress, along level planes as if cells were as full as those above and below them.
+
+    Sums upwards of the mapped volume and shear stress are those of the soil between two levels of nodes, which so are
+    exact for boxes of particles that fill cells by a share. What one level of nodes gains, the next one loses.
+
+    Args:
+        scene: of the nodes.
+        levels: from `by_levels` (nodes, d).
+        force: of the stress (nodes, d) N.
+
+    Returns:
+        (nodes, d) N.
+    """
+    grid = scene.grid
+    d, upright = grid.dimension, grid.dimension - 1
+    between = jnp.cumsum(levels.reshape(*grid.shape, d), axis=upright)
+    filled, traction = between[..., 0] / grid.cell ** (d - 1), between[..., 1:]
+
+    def full(side: int) -> Array:
+        """Filled share of the cells on this side, the first or, where soil reaches through it, the second."""
+        first, second = (_moved(filled, side * count, upright) for count in (1, 2))
+        return first + jnp.clip(first / REACHES, 0, 1) * jnp.maximum(second - first, 0)
+
+    beside = jnp.minimum(jnp.minimum(full(1), full(-1)), 1)
+    lacks = beside > filled
+    gap = _counted(jnp.where(lacks, 1 - filled / jnp.where(lacks, beside, 1), 0), UNEVEN)
+    lacking = (gap / (1 - gap))[..., None] * traction
+    change = lacking - _moved(lacking, -1, upright)
+    return force + jnp.pad(change, [(0, 0)] * d + [(0, 1)]).reshape(force.shape)
+
+
+def _moved(field: Array, levels: int, axis: int) -> Array:
+    """Values so many levels further along an axis, 0 beyond its end."""
+    size, ends = field.shape[axis], [(0, 0)] * field.ndim
+    ends[axis] = (max(-levels, 0), max(levels, 0))
+    first = max(levels, 0)
+    return jax.lax.slice_in_dim(jnp.pad(field, ends), first, first + size, axis=axis)
 
 
 def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[Ground]:

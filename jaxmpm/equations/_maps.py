@@ -35,28 +35,33 @@ class Maps(NamedTuple):
     scene: Scene
     position: Array
 
-    def to_grid(self, carried: Array | None, stress: Array | None) -> Array:
+    def to_grid(self, carried: Array | None, stress: Array | None, upright: Array | None = None) -> Array:
         """Map particles to nodes: see `jaxmpm.transfer.p2g`."""
-        return self.fold(self.to_all_nodes(carried, stress))
+        return self.fold(self.to_all_nodes(carried, stress, upright))
 
     def to_particles(self, nodal: Array, *, values: int, gradients: int) -> tuple[Array, Array]:
         """Interpolate nodal values at particles: see `jaxmpm.transfer.g2p`."""
         return self.from_all_nodes(self.unfold(nodal), values=values, gradients=gradients)
 
-    def sums(self, carried: Mapping[str, Array], stress: Array | None) -> dict[str, Array]:
+    def sums(
+        self, carried: Mapping[str, Array], stress: Array | None, upright: Array | None = None
+    ) -> dict[str, Array]:
         """Map blocks of channels to all nodes that particles reach.
 
         Args:
             carried: values (k, N) by name.
             stress: as of `jaxmpm.transfer.p2g`.
+            upright: likewise.
 
         Returns:
-            Sums (nodes, k) by the same names, and of the stress the force (nodes, d) N.
+            Sums (nodes, k) by the same names, of the stress the force (nodes, d) N, and "upright".
         """
         widths = {name: len(values) for name, values in carried.items()}
         if stress is not None:
             widths["force"] = self.scene.grid.dimension
-        nodal = self.to_all_nodes(jnp.concatenate(list(carried.values())), stress)
+        if upright is not None:
+            widths["upright"] = len(upright)
+        nodal = self.to_all_nodes(jnp.concatenate(list(carried.values())), stress, upright)
         blocks = jnp.split(nodal, np.cumsum(list(widths.values()))[:-1], axis=1)
         return dict(zip(widths, blocks, strict=True))
 
@@ -75,10 +80,10 @@ class Maps(NamedTuple):
         values, gradient = self.to_particles(channels, values=sum(widths), gradients=gradients)
         return dict(zip(nodal, jnp.split(values, np.cumsum(widths)[:-1]), strict=True)), gradient
 
-    def to_all_nodes(self, carried: Array | None, stress: Array | None) -> Array:
+    def to_all_nodes(self, carried: Array | None, stress: Array | None, upright: Array | None = None) -> Array:
         """As `to_grid`, at all nodes that particles reach, those beyond open ends of the ground included."""
         grid, numerics = self.scene.grid, self.scene.numerics
-        return p2g(grid, numerics.kernel, self.position, carried, stress, engine=numerics.engine)
+        return p2g(grid, numerics.kernel, self.position, carried, stress, upright=upright, engine=numerics.engine)
 
     def from_all_nodes(self, nodal: Array, *, values: int, gradients: int) -> tuple[Array, Array]:
         """As `to_particles`, from all nodes that particles reach."""

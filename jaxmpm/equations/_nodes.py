@@ -12,7 +12,7 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import Region, hold, slide
-from jaxmpm.equations._gaps import closed, gaps, sheared
+from jaxmpm.equations._gaps import bridged, by_levels, closed, gaps, sheared
 from jaxmpm.equations._maps import Maps, reciprocal
 from jaxmpm.equations._stress import acting_stress
 from jaxmpm.transfer import momentum
@@ -89,7 +89,8 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         carried["volume"] = particles.volume[None]  # without the gaps of soil that has opened, which bear nothing
     if not isinstance(shears, bool):
         carried["undrained"] = (particles.mass * shears)[None]
-    sums = maps.sums(carried, acting_stress(scene, state.stress, volume, maps) if stressed else None)
+    stress = acting_stress(scene, state.stress, volume, maps) if stressed else None
+    sums = maps.sums(carried, stress, None if stress is None else by_levels(scene, volume, stress))
     moving = maps.momentum(sums.pop("momentum"))
     sums = {name: maps.fold(block) for name, block in sums.items()}
     weight = sums["mass"][:, 0]
@@ -98,6 +99,8 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         """Average by mass of a channel that is mapped."""
         return sums[name][:, 0] * reciprocal(scene, weight) if name in sums else None
 
+    if "upright" in sums:
+        sums["force"] = bridged(scene, sums["upright"], sums["force"])
     undrained, covers = share("undrained"), "volume" in sums
     gap = gaps(scene, weight) if covers or shears is not False else None
     if stressed and shears is not False:
@@ -158,7 +161,11 @@ def felt_gravity(scene: Scene, time: Array) -> Array:
 
 def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
     """The nodes with the force of the particles' stress added."""
-    stress = maps.to_grid(None, acting_stress(scene, state.stress, scene.particles.volume * state.volume_ratio, maps))
+    volume, d = scene.particles.volume * state.volume_ratio, scene.grid.dimension
+    acting = acting_stress(scene, state.stress, volume, maps)
+    levels = by_levels(scene, volume, acting)
+    sums = maps.to_grid(None, acting, levels)
+    stress = sums[:, :d] if levels is None else bridged(scene, sums[:, d:], sums[:, :d])
     if sheared(scene) is not False:
         stress = closed(scene, gaps(scene, nodal.mass[:, 0]), stress, nodal.undrained)
     return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)

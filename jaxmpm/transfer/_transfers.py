@@ -32,6 +32,7 @@ def p2g(
     carried: Array | None,
     stress: Array | None,
     *,
+    upright: Array | None = None,
     engine: Engine | None = None,
 ) -> Array:
     """Map particles to nodes: sum of weight * carried, and of -stress . weight gradient.
@@ -46,10 +47,11 @@ def p2g(
         carried: (k, N), for example mass and momentum, or None.
         stress: (d (d + 1) / 2, N) volume times the stress components that act on the grid (J), in the order xx, yy, zz,
             xy, yz, xz of those that the dimension has, or None.
+        upright: (u, N), mapped by minus the weight's derivative along the last axis, or None.
         engine: None takes native kernels if they were built, else XLA.
 
     Returns:
-        (nodes, k + d), (nodes, k) or (nodes, d): first the carried channels, then the force in N.
+        (nodes, channels): the carried ones, the d of the force in N, and those of `upright`, as far as they are given.
 
     Raises:
         ValueError: If the grid has fewer than 3 nodes along an axis, dtypes differ, or the engine is missing.
@@ -62,8 +64,13 @@ def p2g(
     if stress is not None:
         blocks.append(stress)
         terms += [Term(k + _acting(i, j, d), k + i, (j,), -1) for i in range(d) for j in range(d)]
-    _check(grid, position, *blocks)
     channels = k if stress is None else k + d
+    if upright is not None:
+        before = sum(map(len, blocks))
+        blocks.append(upright)
+        terms += [Term(before + c, channels + c, (d - 1,), -1) for c in range(len(upright))]
+        channels += len(upright)
+    _check(grid, position, *blocks)
     if engine is Engine.XLA:
         return stencil.scatter(grid, kernel, position, rows_of(blocks), terms=terms, channels=channels)
     native_only = _native_only(engine)

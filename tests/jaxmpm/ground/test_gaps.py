@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 import jaxmpm as mpm
 from benchmarks.stability import stability_gap
@@ -127,3 +127,78 @@ def test_other_schemes_close_gaps_too(scheme):
     end = mpm.advance(scene, start, jnp.asarray(steps))
     lost = float(jnp.sum(scene.particles.mass * (start.velocity[0] - end.velocity[0])))
     assert lost / (steps * float(scene.numerics.time_step) * 20e3 * 4) == pytest.approx(1, abs=0.05)
+
+
+def two_bodies(bed, gap, soil=CLAY, dimension=2):
+    """Soil four cells high with tied ends, of which the part above `bed` (m) is lifted by a gap (m)."""
+    numerics = mpm.Discretisation(1.0, (0.5,) * dimension)
+    if dimension == 2:
+        scene, state = mpm.section(mpm.Section([(0, 4), (3, 4)]), soil, numerics, ends="tied", at_rest=False)
+    else:
+        flat = mpm.Raster(np.full((4, 4), 4.0), (0, 0), 1.0)
+        scene, state = mpm.terrain(mpm.Terrain(flat, 0.0), soil, numerics, at_rest=False)
+    position = scene.particles.position
+    up = jnp.where(position[-1] > bed, gap, 0.0)
+    return replace(scene, particles=replace(scene.particles, position=position.at[-1].add(up))), state
+
+
+def along_planes(scene, stress):
+    """Forces (nodes, d - 1) N along level planes, without and with what crosses gaps, by planes from the base up."""
+    d, maps = scene.grid.dimension, equations.Maps(scene, scene.particles.position)
+    volume = scene.particles.volume
+    sums = maps.to_grid(None, stress * volume, equations.by_levels(scene, volume, stress * volume))
+    force = sums[:, :d]
+    change = np.asarray(equations.bridged(scene, sums[:, d:], force) - force)
+    assert not change[:, -1].any()
+    size = float(jnp.abs(force).max())
+    np.testing.assert_allclose(change.sum(axis=0), 0, atol=1e-5 * size)
+    return (np.asarray(each).reshape(-1, scene.grid.shape[-1], d)[..., :-1] for each in (force, force + change))
+
+
+@pytest.mark.usefixtures("x64")
+@settings(max_examples=10)
+@given(bed=st.sampled_from([1.0, 1.5, 2.0]), gap=st.sampled_from([0.12, 0.3, 0.45, 0.65, 0.8]))
+def test_shear_stress_crosses_a_gap_between_soils_undiminished(bed, gap):
+    scene, _ = two_bodies(bed, gap)
+    plain, bridged = along_planes(scene, jnp.zeros((3, scene.particles.mass.size)).at[2].set(10e3))
+    inside = slice(scene.boundary.walls[-1].index + 1, scene.boundary.walls[-1].index + 4)
+    assert np.abs(plain[:, inside]).max() > 0.08 * 10e3
+    assert np.abs(bridged[:, inside]).max() < 1e-6 * 10e3
+
+
+def test_shear_stress_across_a_gap_in_3d_acts_along_both_axes():
+    scene, _ = two_bodies(1.0, 0.4, dimension=3)
+    stress = jnp.zeros((6, scene.particles.mass.size)).at[4].set(5e3).at[5].set(10e3)
+    plain, bridged = along_planes(scene, stress)
+    # Nodes whose cells are all within the walls.
+    inner = np.ones((*scene.grid.shape[:-1], 2), bool)
+    inner[2:-2, 2:-2] = False
+    level = scene.boundary.walls[-1].index + 1
+    left = np.where(inner.reshape(-1, 2), 0, bridged[:, level])
+    assert np.abs(plain[:, level]).max() > 3e3
+    assert np.abs(left).max() < 1e-2
+
+
+@settings(max_examples=8)
+@given(st.floats(0.0, 0.95), st.integers(0, 99))
+def test_one_body_has_no_gap_however_high_its_surface(height, seed):
+    scene, _ = two_bodies(3.0, 0.0)
+    keep = scene.particles.position[1] < 4 - height
+    volume = jnp.where(keep, scene.particles.volume, 0)
+    scene = replace(scene, particles=replace(scene.particles, volume=volume))
+    stress = jnp.asarray(np.random.default_rng(seed).normal(size=(3, volume.size)), jnp.float32)
+    plain, bridged = along_planes(scene, stress)
+    np.testing.assert_array_equal(plain, bridged)
+
+
+def test_soil_with_friction_and_elastic_bodies_map_nothing_for_gaps_between_soils():
+    for soil in (SAND, replace(CLAY, strength=None, tension_cutoff=None)):
+        scene, _ = two_bodies(1.0, 0.4, soil)
+        assert equations.by_levels(scene, scene.particles.volume, jnp.zeros((3, scene.particles.mass.size))) is None
+
+
+@pytest.mark.usefixtures("x64")
+def test_clay_that_slides_on_stronger_clay_is_held_by_all_of_its_strength():
+    """Without what crosses the gap it would be held by a half of it."""
+    row = stability_gap.drag_row("clay", 0.5, cells=4)
+    assert row["passed"], row
