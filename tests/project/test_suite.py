@@ -12,6 +12,12 @@ def test_flags_that_jaxlib_does_not_know_are_recognised():
     assert not known("--xla_no_such_flag=0")
 
 
+def test_bytecode_is_kept_for_the_next_process():
+    child = [sys.executable, "-c", "import sys; print(sys.dont_write_bytecode, sys.pycache_prefix)"]
+    printed = subprocess.run(child, capture_output=True, text=True, check=True).stdout
+    assert printed == f"{sys.dont_write_bytecode} {sys.pycache_prefix}\n" == f"False {sys.pycache_prefix}\n"
+
+
 def test_programs_are_released_between_tests_but_not_looked_at_after_each(monkeypatch):
     looks = []
     monkeypatch.setattr(conftest, "release_programs", lambda: looks.append(conftest._looked))

@@ -42,6 +42,7 @@ def test_a_full_disk_stops_an_export_in_one_line_and_leaves_what_was_there(tmp_p
     script = f"""if True:
         import resource, sys
         from cooperative.__main__ import main
+        sys.dont_write_bytecode = True  # Python keeps what it could write of a module, which no process can then import
         resource.setrlimit(resource.RLIMIT_FSIZE, (512, 512))
         sys.exit(main(["export", {str(tmp_path)!r}]))
     """
