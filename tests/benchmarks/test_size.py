@@ -1,11 +1,7 @@
 """How large the repository is: what counts as a line of code."""
 
-import json
 import re
-import subprocess
-import sys
 
-from benchmarks.measure import ROOT
 from benchmarks.project import size
 
 CODE = '''"""Text of
@@ -29,9 +25,7 @@ def test_lines_of_code_leave_out_blanks_comments_and_docstrings():
 
 
 def test_the_benchmark_counts_the_repository():
-    command = [sys.executable, "-m", "benchmarks", "size", "--json"]
-    answer = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)
-    values = answer["values"]
+    values = size.run(quick=True).values
     parts = [values[f"code_lines_{part}"] for part in size.PACKAGES]
     assert min(parts) > 100
     assert values["code_lines_packages"] == sum(parts)
