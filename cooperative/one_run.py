@@ -180,7 +180,8 @@ def lines(run: Slide) -> Iterator[str]:
     yield f"  it slides {row['displacement']:.3g} m, {rest} after {row['time']:.3g} s"
     volume = f"{row['volume']:.3g} {run.units['volume'].replace('³', '3')}"
     mode = f", {row['mode']}" if "mode" in row else ""
-    yield f"  run-out {row['runout']:.3g} {run.units['runout']}; volume {volume}{mode}"
+    foremost = f" (foremost soil {row['runout_foremost']:.3g} m)" if row["runout_foremost"] > row["runout"] else ""
+    yield f"  run-out {row['runout']:.3g} {run.units['runout']}{foremost}; volume {volume}{mode}"
     if row.get("walls"):
         yield f"  it reached {row['walls']}: draw the ground longer there"
 

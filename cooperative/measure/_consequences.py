@@ -54,7 +54,8 @@ class Consequences:
             crest, it exceeds the slope height exactly if the slip surface passes below the toe. On `OpenGround`, from
             the surface above it, where that is most. At least 0: a particle may stick out of the surface that is
             interpolated between points.
-        runout: L (m), horizontally from the toe to the front of the sliding mass; 0 if it stays behind the toe. On
+        runout: L (m), horizontally from the toe to the front of the sliding mass, where it is `runout_thickness` thick;
+            0 if it stays behind the toe or is nowhere so thick. On
             `OpenGround`, from the rear of the mass before it slid to its front after, along its mean displacement: the
             travel distance of Corominas (1996), Canadian Geotechnical Journal 33, 260-271. Where the ground has a
             track, along that instead, whichever way the mass went.
@@ -63,6 +64,7 @@ class Consequences:
             slope, times its width, summed. In a section (m), that is m2 per metre of width, it equals the run-out. On
             `OpenGround`, plan area of the mass at its end.
         displacement_any: largest displacement with detached grains (m).
+        runout_foremost: run-out of the foremost soil of the mass, however thin (m).
         runout_any: run-out with detached grains (m).
     """
 
@@ -72,6 +74,7 @@ class Consequences:
     volume: float
     area: float
     displacement_any: float
+    runout_foremost: float
     runout_any: float
 
     def as_row(self) -> dict[str, float]:
@@ -90,6 +93,7 @@ def consequences(
     failure_displacement: float = 1.0,
     reach: float | None = None,
     least_volume: float | None = None,
+    runout_thickness: float = 0.0,
 ) -> Consequences:
     """Consequences of one final state.
 
@@ -105,6 +109,8 @@ def consequences(
         reach: distance of two particles up to which they hang together (m). Sliding soil that hangs together with less
             than a hundredth of the sliding volume is detached grains. None counts none as detached.
         least_volume: of the soil whose displacement is measured (m3; in a section m2), see `exceeded`.
+        runout_thickness: thickness of the deposit at the front of the run-out (m), the mean over two particles' width;
+            0 for the foremost soil.
 
     Raises:
         ValueError: shapes do not fit, values are not finite, lengths are not positive.
@@ -114,6 +120,8 @@ def consequences(
     for name, value in lengths.items():
         if value is not None and not value > 0:
             raise ValueError(f"{name} = {value} is not positive: give metres above 0")
+    if not 0 <= runout_thickness < np.inf:
+        raise ValueError(f"runout_thickness = {runout_thickness}: give metres from 0 on")
     if isinstance(geometry, OpenGround) and geometry.track is not None and len(position) != 3:
         raise ValueError("a track is a line in plan, for ground in 3D: leave it out in a section")
 
@@ -121,7 +129,7 @@ def consequences(
     sliding = magnitude >= failure_displacement
     largest, exceeding = float(magnitude.max()), exceeded(magnitude, volume, least_volume)
     if not sliding.any():
-        return Consequences(exceeding, 0.0, 0.0, 0.0, 0.0, largest, 0.0)
+        return Consequences(exceeding, 0.0, 0.0, 0.0, 0.0, largest, 0.0, 0.0)
 
     before, now, mass = _mass(position, displacement, volume, sliding, reach)
     if isinstance(geometry, Face):
@@ -136,13 +144,15 @@ def consequences(
         area = _swept_area(now[1, mass], half[1], beyond[mass], slice_width)
     else:
         area = _covered(now[:, mass], half)
+    deposit = beyond[mass & (_thickness(now, volume[sliding] * mass, half) >= runout_thickness)]
     return Consequences(
         displacement=float(magnitude[sliding][mass].max()) if least_volume is None else exceeding,
         depth=max(float(depth), 0.0),
-        runout=float(beyond[mass].max()),
+        runout=float(deposit.max(initial=0.0)),
         volume=float(volume[sliding].sum()),
         area=float(area),
         displacement_any=largest,
+        runout_foremost=float(beyond[mass].max()),
         runout_any=float(beyond.max()),
     )
 
@@ -228,6 +238,22 @@ def _travelled(
         return np.zeros(now.shape[1])
     along = level / length
     return along @ now[:-1] - (along @ before[:-1, mass]).min() + 2 * np.abs(along) @ half[:-1]
+
+
+def _thickness(now: np.ndarray, volume: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Thickness (n,) m of the deposit where each particle lies.
+
+    It is the mean over a square, in a section a length, as wide as two particles before they moved.
+
+    Args:
+        now: positions (d, n) m.
+        volume: (n,) m3, in a section m2; 0 of soil that does not count.
+        half: half the initial spacing (d,) m.
+    """
+    side = 4 * half[:-1]
+    _, place = np.unique(np.floor(now[:-1] / side[:, None]), axis=1, return_inverse=True)
+    place = place.ravel()
+    return np.bincount(place, volume)[place] / side.prod()
 
 
 def _covered(now: np.ndarray, half: np.ndarray) -> float:

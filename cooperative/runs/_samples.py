@@ -244,8 +244,9 @@ def finished(
         run = np.asarray(scene.particles.position), displacement, volume
         geometry, half = model.geometry, model.half_size
         measured = consequences(
-            *run, geometry, half_size=half, failure_displacement=limit, reach=model.reach, least_volume=least
-        )
+            *run, geometry, half_size=half, failure_displacement=limit, reach=model.reach, least_volume=least,
+            runout_thickness=campaign.runout_thickness,
+        )  # fmt: skip
         walls = walls_reached(
             *run, model.walls, half_size=half, failure_displacement=limit, within=scene.grid.cell, reach=model.reach,
             polygon=campaign.site.fixed_edge,

@@ -58,6 +58,8 @@ BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where the soil gives none."""
 THICKNESSES = 3.0
 """Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
+RUNOUT_SHARE = 0.1
+"""Thickness of the deposit at the front of the run-out, over that size."""
 
 
 @table
@@ -265,13 +267,24 @@ class Campaign(Part):
         """
         if self.run.least_volume is not None:
             return self.run.least_volume or None
-        shape, plan = self.site.shape, self.site.shape.extent[:-1]
-        polygon = getattr(shape, "polygon", None)
-        area = math.prod(plan) if polygon is None else shapely.Polygon(polygon).area
-        height = min(self.site.height, THICKNESSES * ground.volume(shape) / area)
+        height, plan = self._height, self.site.shape.extent[:-1]
         volume = least_failing_volume(height, 1) * math.prod(min(height, edge) for edge in plan)
         particle = max(math.prod(grid.spacing) for grid in self.grids.values())
         return float(f"{max(volume, particle):.3g}")
+
+    @cached_property
+    def _height(self) -> float:
+        """Height of the slope (m), or THICKNESSES mean thicknesses of the ground where that is less."""
+        shape = self.site.shape
+        polygon = getattr(shape, "polygon", None)
+        area = math.prod(shape.extent[:-1]) if polygon is None else shapely.Polygon(polygon).area
+        return min(self.site.height, THICKNESSES * ground.volume(shape) / area)
+
+    @property
+    def runout_thickness(self) -> float:
+        """Thickness of the deposit (m) at the front of the run-out, the same on all grids; 0 for the foremost soil."""
+        given = self.run.runout_thickness
+        return float(f"{RUNOUT_SHARE * self._height:.3g}") if given is None else given
 
     @property
     def least_volume(self) -> str | None:

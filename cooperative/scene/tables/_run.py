@@ -74,6 +74,15 @@ class Run(Part):
         otherwise="0.05 h^2 in a section, 0.05 h^3 in 3D, no wider than the ground; h is the slope's height, or three "
         "mean thicknesses of the ground where that is less",
     )
+    runout_thickness: FromZero | None = key(
+        "Thickness of the deposit at the front of the run-out, the mean over the width of two particles. Soil runs on "
+        "ahead of it as a film as thin as a particle, which a survey does not see. 0 takes the foremost soil.",
+        0.5,
+        None,
+        units="m",
+        otherwise="a tenth of the slope's height, or of three mean thicknesses of the ground where that is less",
+        synonyms="front_thickness deposit_thickness",
+    )
     settle: Flag | SkipJsonSchema[InstanceOf[Settle]] = key(
         "Whether a run ends once its slope has come to rest. Python may give a `jaxmpm.Settle` of other limits.",
         True,

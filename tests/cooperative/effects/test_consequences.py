@@ -69,7 +69,7 @@ def test_a_standing_slope_has_only_its_displacement():
     position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
     got = consequences(position, np.full(position.shape, 0.1), volume, SLOPE, half_size=half)
     length = np.hypot(0.1, 0.1)
-    nothing = dict.fromkeys(("depth", "runout", "volume", "area", "runout_any"), 0.0)
+    nothing = dict.fromkeys(("depth", "runout", "volume", "area", "runout_foremost", "runout_any"), 0.0)
     assert got.as_row() == pytest.approx({"displacement": length, "displacement_any": length, **nothing})
 
 
@@ -106,6 +106,45 @@ def test_a_second_mass_counts_and_the_largest_always_does():
     spread = consequences(apart, np.full(apart.shape, 2.0), np.ones(400), SLOPE, half_size=half, reach=1.5)
     assert spread.volume == 400.0
     assert spread.runout == spread.runout_any
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("spacing", [0.25, 0.5])
+def test_a_thin_tongue_ahead_of_the_deposit_does_not_decide(dimension, spacing):
+    axes = [0, 2] if dimension == 2 else [0, 1, 2]
+    steps = np.full(dimension, spacing)
+    deposit, volume, half = block(np.array([60.0, 0.0, 0.0])[axes], np.array([70.0, 4.0, 2.0])[axes], steps)
+    tongue, thin, _ = block(np.array([70.0, 0.0, 0.0])[axes], np.array([80.0, 4.0, spacing])[axes], steps)
+    position, volume = np.concatenate([deposit, tongue], axis=1), np.concatenate([volume, thin])
+    moved = np.zeros(position.shape)
+    moved[0] = 20.0
+    runs = {
+        least: consequences(position - moved, moved, volume, SLOPE, half_size=half, runout_thickness=least)
+        for least in (0.0, spacing / 2, 1.0, 3.0)
+    }
+    assert {run.runout_foremost for run in runs.values()} == {runs[0.0].runout}
+    assert runs[spacing / 2].runout == runs[0.0].runout == pytest.approx(80 - SLOPE.toe_x)
+    assert runs[1.0].runout == pytest.approx(70 - SLOPE.toe_x)
+    assert runs[3.0].runout == 0
+
+
+@given(st.floats(0.0, 3.0), st.floats(0.0, 3.0), st.integers(0, 1000))
+def test_a_thicker_front_lies_nowhere_farther(one, other, seed):
+    rng = np.random.default_rng(seed)
+    position, volume, half = block((40.0, 4.0), (56.0, 12.0), (1.0, 1.0))
+    displacement = np.stack([rng.uniform(2, 30, volume.size), np.zeros(volume.size)])
+    thin, thick = (
+        consequences(position, displacement, volume, SLOPE, half_size=half, runout_thickness=least).runout
+        for least in sorted((one, other))
+    )
+    assert thick <= thin
+
+
+@pytest.mark.parametrize("least", [-1.0, np.nan, np.inf])
+def test_a_thickness_that_is_none_is_refused(least):
+    position, volume, half = block((40.0, 10.0), (45.0, 12.0), (1.0, 1.0))
+    with pytest.raises(ValueError, match=r"runout_thickness = .*: give metres from 0 on"):
+        consequences(position, np.zeros(position.shape), volume, SLOPE, half_size=half, runout_thickness=least)
 
 
 def test_the_threshold_is_the_callers():
