@@ -157,20 +157,16 @@ def compared(
     line = np.linspace(x.min(), 1.5 * (foremost or x.max()), 200_001)
     wet = exact(line)
     theirs = float(line[np.flatnonzero(wet >= THICK * h0)[-1]])
-    shown = {"cell": cell, "finest": finest}
-    rows = [
-        row(case, f"front at t = {t:.4g} s, a tenth of the depth (m)", front, theirs, start, figure=figure, **shown)
-    ]
+    shown = partial(row, case, cell=cell, finest=finest)
+    rows = [shown(f"front at t = {t:.4g} s, a tenth of the depth (m)", front, theirs, start, figure=figure)]
     if foremost is not None:
-        rows.append(row(case, f"foremost soil at t = {t:.4g} s (m)", float(x.max()), foremost, start, **shown))
+        rows.append(shown(f"foremost soil at t = {t:.4g} s (m)", float(x.max()), foremost, start))
     edges = np.arange(origin + 2 * h0, line[-1], station)
     thickness = np.histogram(x, bins=edges, weights=area)[0] / station
     middle = np.interp((edges[1:] + edges[:-1]) / 2, line, wet)
     changed = np.abs(middle - h0) > 0.01 * h0
     error = float(np.abs(thickness - middle)[changed].sum() / np.abs(middle)[changed].sum())
-    rows.append(
-        row(case, f"depth at t = {t:.4g} s, mean error over mean", error, 0.0, start, difference=error, **shown)
-    )
+    rows.append(shown(f"depth at t = {t:.4g} s, mean error over mean", error, 0.0, start, difference=error))
     return rows
 
 

@@ -74,14 +74,14 @@ def slide(data: Path, delta: int, cell: float, finest: bool) -> list[Row]:
     at, times = (np.asarray(scene.particles.position, float) + moved[-1])[:2], round(cell / STEP)
     counts = [n // times for n in bed.shape]
     edges = [np.arange(n + 1) * cell - STEP / 2 for n in counts]
-    ours = np.histogram2d(*at, bins=edges, weights=volume)[0] / cell**2
+    ours = np.histogram2d(at[0], at[1], bins=edges, weights=volume)[0] / cell**2
     with np.load(folder / f"shaltop_delta{delta}.npz") as held:
         deposit = held["thickness_vertical_end_m"][::-1].T.astype(float)
     blocks = deposit[: counts[0] * times, : counts[1] * times].reshape(counts[0], times, counts[1], times)
     theirs = blocks.mean(axis=(1, 3))
     for least in (1.0, 2.0):
-        areas = [float((each > least).sum()) * cell**2 / 1e6 for each in (ours, theirs)]
-        rows.append(one(f"area above {least:g} m (km2)", *areas))
+        here, there = (float((each > least).sum()) * cell**2 / 1e6 for each in (ours, theirs))
+        rows.append(one(f"area above {least:g} m (km2)", here, there))
     both, either = ((ours > 1) & (theirs > 1)).sum(), ((ours > 1) | (theirs > 1)).sum()
     return [*rows, one("overlap over union of the deposits above 1 m", both / either, 1.0)]
 

@@ -96,7 +96,7 @@ def _rings(rings: list[Any], shift: float) -> tuple[Any, list[Any]]:
 def _lies_above(a: shapely.Polygon, b: shapely.Polygon) -> bool:
     """Whether a lies above b where both have an x in common."""
     low, high = max(a.bounds[0], b.bounds[0]), min(a.bounds[2], b.bounds[2])
-    middle = np.linspace(low, high, 42)[1:-1] if low < high else []
+    middle = np.linspace(low, high, 42)[1:-1] if low < high else np.empty(0)
     both = [(_span(a, x), _span(b, x)) for x in middle]
     return any(p and q and p[0] > q[0] for p, q in both)
 

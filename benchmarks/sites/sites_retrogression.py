@@ -86,6 +86,7 @@ def slid(campaign: Campaign, grid: str) -> dict[str, float | str]:
         half_size=np.full(2, cell / 4),
         reach=1.5 * cell,
         failure_displacement=LETS_GO,
+        runout_thickness=HEIGHT / 10,
     )
     # The top row of particles behind the crest, from there backwards.
     top = np.flatnonzero((position[0] < CREST) & (position[1] > HEIGHT - cell / 2))
@@ -99,6 +100,7 @@ def slid(campaign: Campaign, grid: str) -> dict[str, float | str]:
         "particles": volume.size,
         "strength_kpa": campaign.random["strength"].mean / 1e3,
         "runout_m": round(answer.runout - (TOE - rear), 2),
+        "runout_foremost_m": round(answer.runout_foremost - (TOE - rear), 2),
         "runout_of_99_percent_m": round(front - TOE, 2),
         "runout_of_95_percent_m": round(front_of_slid - TOE, 2),
         "retrogression_m": round(CREST - rear, 2),
