@@ -68,6 +68,7 @@ class Numerics:
         cell_average: whether the volumetric strain alone is averaged, over each cell; static.
         gap_average: whether the gap that a tension cutoff has opened in soil with friction is averaged there, too;
             static.
+        bridging: whether shear stress of undrained soil crosses gaps between soils, see `Discretisation`; static.
         finite_strain: whether elasticity uses Hencky strains instead of the Jaumann rate; yield then applies to J times
             the stress; static.
         xpic: transfers to the grid and back that the share of PIC filters by, see `Discretisation`; static.
@@ -86,6 +87,7 @@ class Numerics:
     fbar: bool = static(default=False)
     cell_average: bool = static(default=False)
     gap_average: bool = static(default=False)
+    bridging: bool = static(default=False)
     finite_strain: bool = static(default=False)
     xpic: int = static(default=1)
     nonlocal_passes: int | None = static(default=None)

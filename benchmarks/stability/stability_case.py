@@ -169,9 +169,10 @@ def work_across_gaps(scene: mpm.Scene, state: mpm.State) -> Array:
     nodal = equations.particles_to_grid(scene, state, dt, maps)
     volume = scene.particles.volume * state.volume_ratio
     acting, d = equations.acting_stress(scene, state.stress, volume, maps), scene.grid.dimension
-    sums = maps.to_grid(None, acting, equations.by_levels(scene, volume, acting))
+    levels = equations.by_levels(scene, volume, acting)
+    sums = maps.to_grid(None, acting, levels)
     stress = sums[:, :d]
-    force = equations.bridged(scene, sums[:, d:], stress) if d > 1 else stress
+    force = stress if levels is None else equations.bridged(scene, sums[:, d:], stress)
     if equations.sheared(scene) is not False:
         force = equations.closed(scene, equations.gaps(scene, nodal.mass[:, 0]), force, nodal.undrained)
     traction = force - stress

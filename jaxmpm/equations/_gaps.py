@@ -160,10 +160,11 @@ def by_levels(scene: Scene, volume: Array, acting: Array) -> Array | None:
         acting: volume times stress components (s, N) that act on the grid (J).
 
     Returns:
-        (d, N) volume (m3), and the stress of undrained soil along level planes (J); None for a scene without any.
+        (d, N) volume (m3), and the stress of undrained soil along level planes (J); None for a scene
+        without any, or that bridges no gaps.
     """
     d, soft = scene.grid.dimension, undrained(scene)
-    if d == 1 or soft is False:
+    if d == 1 or soft is False or not scene.numerics.bridging:
         return None
     along = [acting[ACTING[d].index(VOIGT[axis][2])] for axis in AXES[d][:-1]]
     return jnp.stack([volume, *(stress if soft is True else jnp.where(soft, stress, 0) for stress in along)])

@@ -45,6 +45,8 @@ class Discretisation:
         cell_average: average the volumetric strain over each cell, against locking, and in soil without friction the
             mean stress that acts; None does so for frictional soils in 2D and 3D. See `cell_independent`.
         fbar: instead, average both over neighbours; not for frictional soils.
+        bridging: shear stress of undrained soil on level planes crosses gaps between soils undiminished: a cell that is
+            less full than those above and below acts as one as full as they are. A step of clay takes a fifth longer.
         finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, at
             which the hypoelastic stress of the Jaumann rate creates or loses energy.
         internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which prevents
@@ -67,6 +69,7 @@ class Discretisation:
     damping: float = 0.0
     cell_average: bool | None = None
     fbar: bool = False
+    bridging: bool = False
     finite_strain: bool = False
     internal_length: float | None = None
     air: float | None = None

@@ -124,6 +124,7 @@ def scene(
         fbar=bool(discretisation.fbar),
         cell_average=average,
         gap_average=average and frictional(material) is not False,
+        bridging=bool(discretisation.bridging),
         finite_strain=bool(discretisation.finite_strain),
         xpic=discretisation.xpic,
         nonlocal_passes=None if length is None else passes_for(length, kernel, grid.cell),

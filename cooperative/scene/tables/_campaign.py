@@ -80,6 +80,10 @@ class Grid(Part):
         "F-bar instead, averages over neighbours; for soil without friction.",
         True, None, otherwise="`false`",
     )  # fmt: skip
+    bridging: Flag = key(
+        "Shear stress of undrained soil crosses level gaps between soils undiminished; a step takes a fifth longer.",
+        True, False,
+    )  # fmt: skip
     internal_length: Length | Literal["none"] | None = key(
         "Length over which plastic strain is averaged.", 2.0, None,
         otherwise='0.4 of `softening_length`; `"none"` where that is less than cells resolve, soil does not soften, '

@@ -129,9 +129,9 @@ def test_other_schemes_close_gaps_too(scheme):
     assert lost / (steps * float(scene.numerics.time_step) * 20e3 * 4) == pytest.approx(1, abs=0.05)
 
 
-def two_bodies(bed, gap, soil=CLAY, dimension=2):
+def two_bodies(bed, gap, soil=CLAY, dimension=2, bridging=True):
     """Soil four cells high with tied ends, of which the part above `bed` (m) is lifted by a gap (m)."""
-    numerics = mpm.Discretisation(1.0, (0.5,) * dimension)
+    numerics = mpm.Discretisation(1.0, (0.5,) * dimension, bridging=bridging)
     if dimension == 2:
         scene, state = mpm.section(mpm.Section([(0, 4), (3, 4)]), soil, numerics, ends="tied", at_rest=False)
     else:
@@ -191,14 +191,16 @@ def test_one_body_has_no_gap_however_high_its_surface(height, seed):
     np.testing.assert_array_equal(plain, bridged)
 
 
-def test_soil_with_friction_and_elastic_bodies_map_nothing_for_gaps_between_soils():
-    for soil in (SAND, replace(CLAY, strength=None, tension_cutoff=None)):
-        scene, _ = two_bodies(1.0, 0.4, soil)
-        assert equations.by_levels(scene, scene.particles.volume, jnp.zeros((3, scene.particles.mass.size))) is None
+@pytest.mark.parametrize(
+    ("soil", "bridging"), [(SAND, True), (replace(CLAY, strength=None, tension_cutoff=None), True), (CLAY, False)]
+)
+def test_other_soil_and_scenes_that_bridge_no_gaps_map_nothing_for_them(soil, bridging):
+    scene, _ = two_bodies(1.0, 0.4, soil, bridging=bridging)
+    assert equations.by_levels(scene, scene.particles.volume, jnp.zeros((3, scene.particles.mass.size))) is None
 
 
 @pytest.mark.usefixtures("x64")
 def test_clay_that_slides_on_stronger_clay_is_held_by_all_of_its_strength():
     """Without what crosses the gap it would be held by a half of it."""
-    row = stability_gap.drag_row("clay", 0.5, cells=4)
+    row = stability_gap.drag_row("clay", 0.5, cells=4, bridging=True)
     assert row["passed"], row
