@@ -87,7 +87,16 @@ def record_lows(factors: np.ndarray) -> list[int]:
 
 
 def first_guess(factors: np.ndarray, lows: Sequence[int], critical: float = 1.0) -> int:
-    """Which of the record lows is the first below a critical factor of safety; their number where none is."""
+    """Which of the record lows is the first below a critical factor of safety.
+
+    Args:
+        factors: of safety at the times (m,).
+        lows: as of `record_lows`.
+        critical: factor.
+
+    Returns:
+        Its place among the lows; their number where none is.
+    """
     below = [n for n, at in enumerate(lows) if factors[at] < critical]
     return below[0] if below else len(lows)
 

@@ -91,7 +91,7 @@ LEVEL = ("level", "z", "elevation", "water_level", "stage")
 
 
 def read_hyetograph(path: str | Path) -> tuple[list[float], list[float]]:
-    """Read rain in time: columns of time and rate with their units, such as `t [h], rain [mm/h]`.
+    """Read rain in time: columns t and rain, each with its unit in brackets.
 
     A rate holds until the next time.
 
@@ -109,7 +109,7 @@ def read_hyetograph(path: str | Path) -> tuple[list[float], list[float]]:
 
 
 def read_levels(path: str | Path) -> tuple[list[float], list[float]]:
-    """Read the level of a river or reservoir in time: columns such as `t [d], level [m]`.
+    """Read the level of a river or reservoir in time: columns t and level, each with its unit in brackets.
 
     Args:
         path: of the file.

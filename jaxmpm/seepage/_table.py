@@ -129,7 +129,13 @@ class _Surface:
 
 @dataclass(frozen=True)
 class TableHeads:
-    """Heads of a table at one time."""
+    """Heads of a table at one time.
+
+    Args:
+        before: what is known at the time before.
+        after: what is known at the time after.
+        share: of the interval that has passed.
+    """
 
     before: _Known
     after: _Known
@@ -367,8 +373,7 @@ def read_pressure(path: str | Path, *, unit_weight: float = WATER_WEIGHT) -> Pre
     """Read pore pressure in time from a table of text.
 
     Its first row names the columns x, z and in 3D y, the time t with its unit, and one of head (total), pressure_head
-    and pressure with its unit, such as `x [m], z [m], t [h], pressure [kPa]`. Each row is a point at a time. Rows of
-    one time need not follow each other.
+    and pressure with its unit in brackets. Each row is a point at a time. Rows of one time need not follow each other.
 
     Args:
         path: of the file.
