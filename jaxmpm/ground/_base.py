@@ -9,7 +9,7 @@ from itertools import product
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
+from jax import Array
 
 from jaxmpm.equations import gap_of
 from jaxmpm.grid import Grid, RigidBase, Wall
@@ -94,11 +94,12 @@ def boundary_of_base(
     return replace(boundary, cut=stuck if cut is None else stuck | cut)
 
 
-def tangent_of(friction: ArrayLike) -> ArrayLike:
+def tangent_of(friction: float | Array) -> float | Array:
     """The coefficient of a friction angle (degrees), of a number or of an array."""
     if isinstance(friction, int | float):
         return math.tan(math.radians(friction))
-    return host(friction).tan(radians(friction))
+    tangent: Array = host(friction).tan(radians(friction))
+    return tangent
 
 
 def share_above(bedrock: Heights, position: np.ndarray, spacing: float) -> np.ndarray:
@@ -131,8 +132,8 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     area, volume = _covered(grid, heights, on_base)
     field = volume.reshape(grid.shape)
     # Soil above a node of the base counts as reaching down to it.
-    gap = at_once(lambda low, high: gap_of(jnp.asarray(low), jnp.asarray(high)), field[..., :-1], field[..., 1:])
-    gap = np.pad(gap, [(0, 0)] * (grid.dimension - 1) + [(0, 1)]).ravel()
+    between = at_once(lambda low, high: gap_of(jnp.asarray(low), jnp.asarray(high)), field[..., :-1], field[..., 1:])
+    gap = np.pad(np.asarray(between), [(0, 0)] * (grid.dimension - 1) + [(0, 1)]).ravel()
     volume = volume / (1 - gap) ** 2
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
     return RigidBase(*(at_once(jnp.asarray, values) for values in (vectors, area, np.where(area > 0, volume, 1.0))))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -49,21 +50,20 @@ def water_table(
         x, z = points[upright[0]]
         raise ValueError(f"water is upright at ({x:g}, {z:g}) m: draw a table that slopes there")
     _refuse_sloping_pool(outline, points, discretisation)
-    return _table_of(*points.T, discretisation, gravity)
+    x, z = points.T
+    return _table_of(x, z, discretisation, gravity)
 
 
-def _table_of(x: ArrayLike, z: ArrayLike, discretisation: Discretisation, gravity: float) -> WaterTable:
+def _table_of(x: np.ndarray, z: ArrayLike, discretisation: Discretisation, gravity: float) -> WaterTable:
     dtype = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float))
     weight = WATER_WEIGHT * gravity / STANDARD_GRAVITY
     return WaterTable(*(array(value, dtype) for value in (x, z, weight, discretisation.spacing[-1])))
 
 
-def _traced_table(
-    walls: tuple[float, float], water: ArrayLike | Line, discretisation: Discretisation, gravity: float
-) -> WaterTable:
+def _traced_table(walls: tuple[float, float], water: Any, discretisation: Discretisation, gravity: float) -> WaterTable:
     """A table whose level, or heights of points, are traced; ValueError where its shape or its x are not known."""
     if np.ndim(water) == 0:
-        return _table_of(walls, jnp.full(2, water), discretisation, gravity)
+        return _table_of(np.array(walls), jnp.full(2, water), discretisation, gravity)
     x, z = zip(*water, strict=True)
     require_known(
         {f"x of point {number} of the water": each for number, each in enumerate(x)}, "give traced heights alone"
@@ -72,7 +72,7 @@ def _traced_table(
         raise ValueError(
             f"water has points at x = {shown(list(x))} m: give rising ones, from wall to wall at {walls} m"
         )
-    return _table_of(x, jnp.stack([jnp.asarray(each) for each in z]), discretisation, gravity)
+    return _table_of(np.array(x), jnp.stack([jnp.asarray(each) for each in z]), discretisation, gravity)
 
 
 def under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:

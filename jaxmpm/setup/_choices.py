@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -175,11 +176,11 @@ def check_engine(engine: Engine | None) -> None:
         raise ValueError(f"engine = {engine!r}: give a member of Engine, or None")
 
 
-def gravity_vector(gravity: float | Sequence[float], dimension: int) -> np.ndarray | Array:
+def gravity_vector(gravity: Any, dimension: int) -> np.ndarray | Array:
     """The vector (d,) m/s2; a number acts downwards."""
     if np.ndim(gravity) == 0:
         check.not_negative("gravity", gravity, "m/s2")
-        gravity = (0.0,) * (dimension - 1) + (-gravity,)  # type: ignore[operator]
+        gravity = (0.0,) * (dimension - 1) + (-gravity,)
     if check.is_traced(gravity):
         return jnp.stack([jnp.asarray(each) for each in gravity])
     vector = np.asarray(gravity, float)

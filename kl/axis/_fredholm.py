@@ -24,11 +24,11 @@ from jax import Array
 from kl.axis._closed_form import exponential_modes, periodic_modes, triangular_modes
 from kl.axis._covariance import Covariance, Exponential, Periodic, Triangular
 from kl.axis._matrices import gauss, haar_matrix, legendre_matrix, nystrom_matrix
-from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes
+from kl.axis._modes import AxisModes, CellModes, LegendreModes, SineModes, SolvedModes
 from kl.axis._solvers import ClosedForm, Constant, Haar, Legendre, Nystrom, Solver
 
 
-def axis_modes(covariance: Covariance, solver: Solver, origin: float, extent: float) -> AxisModes:
+def axis_modes(covariance: Covariance, solver: Solver, origin: float, extent: float) -> SolvedModes:
     """All eigenpairs that a resolved solver gives on [origin, origin + extent].
 
     Pure jnp in the covariance's length, whose dtype it follows. Each function is positive at the origin, so that

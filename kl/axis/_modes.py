@@ -79,6 +79,9 @@ class SineModes:
     extent: float = field(metadata={"static": True})
 
 
+SolvedModes = LegendreModes | CellModes | SineModes
+
+
 @pytree
 @dataclass(frozen=True)
 class AveragedModes:
@@ -89,7 +92,7 @@ class AveragedModes:
         size: length of the interval (m); static.
     """
 
-    modes: LegendreModes | CellModes | SineModes
+    modes: SolvedModes
     size: float = field(metadata={"static": True})
 
     @property
@@ -108,7 +111,7 @@ class AveragedModes:
         return self.modes.extent
 
 
-AxisModes = LegendreModes | CellModes | SineModes | AveragedModes
+AxisModes = SolvedModes | AveragedModes
 POINTS = 8
 """Of Gauss-Legendre, over which functions are averaged."""
 

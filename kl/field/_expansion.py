@@ -24,6 +24,7 @@ from jax.typing import DTypeLike
 
 from kl._checks import finite, floating, is_traced, positive, pytree, require
 from kl.axis import (
+    AveragedModes,
     AxisModes,
     Corrected,
     Covariance,
@@ -250,9 +251,12 @@ def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) ->
     ):
         check_resolves(solver, each, old, size)
     axes = all_axis_modes(covariance, expansion.solvers, expansion.origin, expansion.extent)
-    counts = [axis.fractions.shape[0] for axis in expansion.axes]
+    solved = [leading(axis, old.fractions.shape[0]) for axis, old in zip(axes, expansion.axes, strict=True)]
     return replace(
         expansion,
         covariance=covariance,
-        axes=tuple(leading(axis, count) for axis, count in zip(axes, counts, strict=True)),
+        axes=tuple(
+            replace(old, modes=axis) if isinstance(old, AveragedModes) else axis  # type: ignore[arg-type]
+            for axis, old in zip(solved, expansion.axes, strict=True)
+        ),
     )

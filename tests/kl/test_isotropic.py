@@ -177,6 +177,9 @@ def test_means_over_cells_are_averages_of_the_same_sample():
     assert np.asarray(kl.field_at(means, xi, [[8.0], [4.0]]))[:, 0] == pytest.approx(known, abs=1e-3)
     lattice = kl.field_on_lattice(means, xi, ([8.0, 12.0], [4.0]))
     assert np.asarray(lattice)[:, 0, 0] == pytest.approx(known, abs=1e-3)
+    # Another length leaves the means what they are.
+    again = kl.with_covariance(means, field.covariance)
+    assert np.asarray(kl.field_at(again, xi, [[8.0], [4.0]]))[:, 0] == pytest.approx(known, abs=1e-3)
     # At an end the part inside counts; without a size nothing is averaged.
     assert np.isfinite(np.asarray(kl.field_at(means, xi, [[0.0, 20.0], [8.0, 0.0]]))).all()
     same = kl.field.averaged(field, (0.0, 0.0))
