@@ -93,7 +93,7 @@ def _gumbel(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.rand
     return norm.ppf(first), second > 1 - case.pf
 
 
-LINKS = {
+LINKS: dict[str, Callable[..., Pair]] = {
     "normal": _normal,
     "t-copula": _t_copula,
     "both ends": _both_ends,

@@ -394,7 +394,7 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
         interval, sampling, open_ = (1 - limit, 1.0), (1 - least, 1.0), 0.0
     else:
         where = ", wherever failures hide in the ranking" if plan.proving else ", if failures rank above what stands"
-        note = f"no refined run has failed: P_f is 0 so far, and at most {limit:.2g} ({level:.0%} confidence){where}"
+        note = f"no refined run has failed: P_f is 0 so far, and at most {limit:.3g} ({level:.0%} confidence){where}"
         interval, sampling = (0.0, limit), (0.0, least)
     return replace(
         estimate,
