@@ -142,13 +142,14 @@ def disturb(
 ) -> Toll:
     """Begin a campaign, and end it at a random moment, so many times; then let it go on, and compare.
 
-    end: ends a life; gives whether it did so before that had ended by itself.
+    end: ends a life; gives whether it did so before that had ended by itself. folder: of all lives, those of other
+    disturbances too.
     """
     generator, toll, round_ = random.Random(f"{case.name}-{workers}-{seed}"), Toll(), 0
-    undisturbed = folder / "undisturbed"
-    whole(case, undisturbed, 1)
+    undisturbed = undisturbed_of(case, folder)
     while toll.disturbed < times:
-        disturbed, before = folder / f"disturbed-{round_}", set[tuple[Path, str, int]]()
+        disturbed = folder / f"{case.name}-{workers}-{seed}-{round_}"
+        before = set[tuple[Path, str, int]]()
         while toll.disturbed < times:
             life = Life(case, disturbed, workers)
             enough, until = len(before) + generator.randrange(6), time.monotonic() + PATIENCE
@@ -165,6 +166,14 @@ def disturb(
         toll.lost += differences(disturbed, undisturbed)
         round_ += 1
     return toll
+
+
+def undisturbed_of(case: Case, folder: Path) -> Path:
+    """The folder of a campaign that nothing disturbed, run where it is not there yet."""
+    undisturbed = folder / f"undisturbed-{case.name}"
+    if not undisturbed.exists():
+        whole(case, undisturbed, 1)
+    return undisturbed
 
 
 def whole(case: Case, folder: Path, workers: int) -> Life:
@@ -216,10 +225,9 @@ def kill_workers(case: Case, times: int, folder: Path, seed: int) -> Toll:
     """Kill so many single workers of campaigns that go on by themselves, each once samples have ended since the last,
     and compare: a worker at a random moment, the youngest, which may be starting, or one halfway through sending."""
     generator, toll, round_ = random.Random(seed), Toll(), 0
-    undisturbed = folder / "undisturbed"
-    whole(case, undisturbed, 1)
+    undisturbed = undisturbed_of(case, folder)
     while toll.disturbed < times:
-        disturbed, torn = folder / f"disturbed-{round_}", folder / f"torn-{round_}"
+        disturbed, torn = folder / f"crews-{round_}", folder / f"torn-{round_}"
         torn.mkdir()
         life, ended = Life(case, disturbed, 2, **{TORN: str(torn)}), 0
         until = time.monotonic() + 10 * PATIENCE

@@ -39,6 +39,7 @@ from benchmarks.robustness.lives import (
     killed,
     large,
     signalled,
+    undisturbed_of,
 )
 from cooperative.store import (
     DATABASE,
@@ -154,8 +155,13 @@ def fuzzed(count: int, by_command: int, folder: Path, seed: int) -> tuple[dict[s
 
 
 def run(quick: bool = False) -> Report:
-    """All of it; quick: a tenth."""
-    part = 10 if quick else 1
+    """All of it; quick: a fortieth of what is many, and one of each kind of end, by one worker and by two in turn."""
+    part = 40 if quick else 1
+    kills_of = [(case, workers) for case in CASES for workers in (1, 2)]
+    signals_of = kills_of[:2]
+    if quick:
+        kills_of = list(zip(CASES, (1, 2, 2, 1), strict=True))
+        signals_of = signals_of[1:]
     # A shell has what it starts in the background ignore Ctrl-C, and campaigns would inherit that: one that is reached
     # while its libraries load would go on.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -164,24 +170,19 @@ def run(quick: bool = False) -> Report:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         kills = [
-            (
-                case,
-                workers,
-                disturb(case, workers, 13 if not quick else 2, killed, folder / f"{case.name}-{workers}", 0),
-            )
-            for case in CASES
-            for workers in (1, 2)
+            (case, workers, disturb(case, workers, max(13 // part, 1), killed, folder, 0)) for case, workers in kills_of
         ]
         stopped = [
-            (case, workers, disturb(case, workers, 25 // part, signalled(signals), folder / f"signals-{workers}", 1))
-            for case, workers in ((CASES[0], 1), (CASES[0], 2))
+            (case, workers, disturb(case, workers, max(25 // part, 1), signalled(signals), folder, 1))
+            for case, workers in signals_of
         ]
-        worker_kills = [(WORKER_KILLS, 2, kill_workers(WORKER_KILLS, 36 // part, folder / "crews", 4))]
-        seconds = large(20_000 // part, folder / "large")
-        damaged, undetected = damage(400 // part, folder / "plain-1" / "undisturbed", seed=2)
-        made, escapes = by_hand(folder / "plain-1" / "undisturbed", folder / "outside")
+        worker_kills = [(WORKER_KILLS, 2, kill_workers(WORKER_KILLS, max(36 // part, 1), folder, 4))]
+        seconds = large(2000 if quick else 20_000, folder / "large")
+        undisturbed = undisturbed_of(CASES[0], folder)
+        damaged, undetected = damage(400 // part, undisturbed, seed=2)
+        made, escapes = by_hand(undisturbed, folder / "outside")
         foreign, foreign_faults = foreign_files.tried(folder / "foreign", foreign_files.EVERY if quick else 1)
-        scenes, bad = fuzzed(2000 // part, 20 // part, folder, seed=3)
+        scenes, bad = fuzzed(2000 // part, max(20 // part, 1), folder, seed=3)
     tolls = [toll for _, _, toll in (*kills, *stopped, *worker_kills)]
     rows = [
         {"case": case.name, "workers": workers, "end": end, "times": toll.disturbed, "lost": len(toll.lost),
