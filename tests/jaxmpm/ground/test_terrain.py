@@ -309,11 +309,11 @@ def test_a_scene_draws_the_line_along_which_run_out_is_measured():
     assert model.geometry.track.points == ((1, 4), (9.5, 4), (15, 6))
     assert runs.build(parse(TERRAIN), "rough", None, at_rest=False).geometry.track is None
     for points, message in (
-        ("[[1, 4], [17, 4]]", "point 2 has x = 17 m, outside the ground, which reaches from 0 to 16 m"),
-        ("[[1, 4], [7]]", r"point 2 is \[7.0\]: give \[x, y\]"),
+        ("[[1, 4], [17, 4]]", "has a point 2 at x = 17 m, outside the ground, which reaches from 0 to 16 m"),
+        ("[[1, 4], [7]]", r"has a point 2 = \[7.0\]: give \[x, y\]"),
         ("[[1, 4], [1, 4]]", r"has the point \(1, 4\) m twice"),
     ):
-        with pytest.raises(ValueError, match=r"\[terrain\] run_out_line: .*" + message):
+        with pytest.raises(ValueError, match=r"\[terrain\] run_out_line .*" + message):
             parse(with_line(points))
     with pytest.raises(ValueError, match="unknown key 'run_out_line'"):
         parse(LAYERED.replace("[ground]", "[ground]\nrun_out_line = [[1, 4], [2, 4]]"))
