@@ -111,7 +111,7 @@ def _replaced(given: dict[str, object], fault: ErrorDetails) -> str | None:
     Returns:
         The key at fault; None where there is no example for it.
     """
-    kind: type[tables.Keyed] | None = tables.Scene
+    kind: type[tables.Part] | None = tables.Scene
     at: object = given
     for part, following in _steps(fault["loc"]):
         if isinstance(at, Sequence) and not isinstance(at, str) and isinstance(part, int):

@@ -88,7 +88,7 @@ class _Runner:
         if self.workers is not None:
             packed = runs.packed(resting)
             ended = runs.run_through(
-                self.workers, packed, grid, numbers, self.coefficients, stop_at=limit, look=self.stop.check
+                self.workers, packed, grid, numbers, self.coefficients, stop_at=limit, check=self.stop.check
             )
         else:
             if (grid, at) not in self.models:
