@@ -199,13 +199,13 @@ def limit_alike(
         proving: 0 trusts the ranks.
         level: confidence level of the limit.
     """
-    drawn, certain = unanswered
-    if known.all() and not drawn + certain and population.zones is None and replicate is None:
+    uncertain, certain = unanswered
+    if known.all() and not uncertain + certain and population.zones is None and replicate is None:
         return exact_limit(population.size, level)
     if not proving:
         return ranked_limit(waves, known, weight, replicate, chains=chains, level=level)
     chance = even_chance(waves)
     if population.zones is not None:
-        return zone_limit(chance, population.zones, unanswered=drawn + certain, level=level)
+        return zone_limit(chance, population.zones, unanswered=uncertain + certain, level=level)
     unknown = int((~known).sum())
-    return even_limit(chance, population.size, unknown=unknown, certain=certain, unanswered=drawn, level=level)
+    return even_limit(chance, population.size, unknown=unknown, certain=certain, unanswered=uncertain, level=level)

@@ -285,8 +285,8 @@ def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray, *, s
     """
     if plan.proving == 0:
         return plan.floor
-    drawn = sum(wave.ranks.size for wave in waves)
-    share = plan.proving / (plan.proving + drawn)
+    count = sum(wave.ranks.size for wave in waves)
+    share = plan.proving / (plan.proving + count)
     if shared:
         return max(share, plan.floor)
     if not ((outcome == 0).any() and (outcome == 1).any()):
@@ -373,35 +373,35 @@ def audit_total(
     value, seen = np.zeros(weight.size), np.zeros(weight.size, dtype=bool)
     seen[certain] = True
     value[certain] = np.where(np.isnan(outcome[certain]), model[certain], outcome[certain])
-    each, foreseen = np.empty(count), np.empty(count)
+    totals, foreseen = np.empty(count), np.empty(count)
     by_group: np.ndarray = np.zeros(groups)
     at = 0
     for wave in waves:
         ranks = wave.ranks
         section = share[at : at + ranks.size]
-        drawn = np.where(np.isnan(outcome[ranks]), wave.model[ranks], outcome[ranks])
-        residual = weight[ranks] * (drawn - wave.model[ranks])
+        answers = np.where(np.isnan(outcome[ranks]), wave.model[ranks], outcome[ranks])
+        residual = weight[ranks] * (answers - wave.model[ranks])
         before = np.bincount(group, weight * np.where(seen, value, wave.model), groups)
-        each[at : at + ranks.size] = before.sum() + np.cumsum(residual) - residual + residual / wave.probability
+        totals[at : at + ranks.size] = before.sum() + np.cumsum(residual) - residual + residual / wave.probability
         # A residual counts in its own draw, over q, and plainly in the later draws of its wave.
         later = section.sum() - np.cumsum(section)
         by_group = by_group + section.sum() * before
         by_group += np.bincount(group[ranks], residual * (section / wave.probability + later), groups)
         foreseen[at : at + ranks.size] = draw_variance(wave, wave.model, weight)
         seen[ranks] = True
-        value[ranks] = drawn
+        value[ranks] = answers
         at += ranks.size
     if seen.all() or not count:
         by_group = np.bincount(group, weight * np.where(seen, value, model), groups)
         exact = 0.0 if seen.all() else np.nan
         return AuditTotal(float(by_group.sum()), exact, np.inf if seen.all() else 0.0, 1.0, by_group)
-    total = float(share @ each)
-    squares = (share * (each - total)) ** 2
+    total = float(share @ totals)
+    squares = (share * (totals - total)) ** 2
     spread = float(squares.sum())
     return AuditTotal(
         total=total,
         variance=spread / (1 - float(share @ share)),
         effective_draws=spread**2 / float(squares @ squares) if spread > 0 else float(count),
-        beyond=float(np.mean((each - total) ** 2 / np.where(foreseen > 0, foreseen, np.inf))),
+        beyond=float(np.mean((totals - total) ** 2 / np.where(foreseen > 0, foreseen, np.inf))),
         by_group=by_group,
     )

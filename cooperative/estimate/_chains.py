@@ -51,11 +51,11 @@ class Chains:
         order, whole = np.linspace(-1.0, 1.0, chains), 1.0
         worth = np.zeros(chains)
         for level in range(levels, -1, -1):
-            each = value[self.visits[:, level]]
+            visited = value[self.visits[:, level]]
             if level < levels:
-                np.put_along_axis(each, self.seeds[:, level], np.broadcast_to(worth, (replicates, chains)), axis=1)
+                np.put_along_axis(visited, self.seeds[:, level], np.broadcast_to(worth, (replicates, chains)), axis=1)
             # The first level has no chains: each of its samples is one.
-            means = each if level == 0 else each.reshape(replicates, -1, chains).mean(axis=1)
+            means = visited if level == 0 else visited.reshape(replicates, -1, chains).mean(axis=1)
             mean, line = float(means.mean()), np.zeros(means.shape[1])
             if level:
                 line = float(means.mean(axis=0) @ order) / float(order @ order) * order

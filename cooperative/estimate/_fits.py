@@ -200,17 +200,17 @@ def severity_ranking(
         ValueError: an empty group.
     """
     generator = np.random.default_rng(seed)
-    drawn, middles = [], []
+    resampled, middles = [], []
     for name, group in groups.items():
         values = np.asarray(group, dtype=float)
         if values.size == 0:
             raise ValueError(f"group {name!r} is empty: leave it out")
         share = None if weights is None else np.asarray(weights[name]) / np.sum(weights[name])
-        drawn.append(statistic(generator.choice(values, (resamples, values.size), p=share), axis=1))
+        resampled.append(statistic(generator.choice(values, (resamples, values.size), p=share), axis=1))
         # A weighted statistic is that of a resample large enough not to scatter.
         whole = values if share is None else generator.choice(values, 100_000, p=share)
         middles.append(float(statistic(whole, axis=0)))
-    draws, names, tails = np.stack(drawn), list(groups), (0.5 - level / 2, 0.5 + level / 2)
+    draws, names, tails = np.stack(resampled), list(groups), (0.5 - level / 2, 0.5 + level / 2)
     ranks = 1 + np.argsort(np.argsort(-draws, axis=0, kind="stable"), axis=0)
     ranking = []
     for rank, at in enumerate(np.argsort(-np.array(middles), kind="stable"), start=1):

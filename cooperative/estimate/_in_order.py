@@ -56,21 +56,21 @@ def in_order(
         control: of each sample by earlier outcomes, None for nothing.
         look: runs between looks.
     """
-    share, each = np.zeros(0), np.zeros(0)
+    share, answers = np.zeros(0), np.zeros(0)
     while True:
         runs, rest = share.size, 1.0 - float(share.sum())
         if rest <= SPENT:
-            return Ordered(share, each, runs)
+            return Ordered(share, answers, runs)
         chance = _expected(outcome[:runs], samples, control)
-        needed = _needed(share, each, outcome[:runs], chance, target, controlled=control is not None)
+        needed = _needed(share, answers, outcome[:runs], chance, target, controlled=control is not None)
         size = min(look, budget - runs)
-        given = target_share(needed, rest, drawn=runs, size=size, left=budget - runs, even=True)
-        now = slice(runs, runs + given.size)
+        fixed = target_share(needed, rest, drawn=runs, size=size, left=budget - runs, even=True)
+        now = slice(runs, runs + fixed.size)
         if outcome.size < now.stop:
-            return Ordered(share, each, now.stop)
+            return Ordered(share, answers, now.stop)
         expected = np.zeros(samples) if control is None else chance
         answer = np.where(np.isnan(outcome[now]), chance[now], outcome[now])
-        share, each = np.append(share, given), np.append(each, answer - expected[now] + expected.mean())
+        share, answers = np.append(share, fixed), np.append(answers, answer - expected[now] + expected.mean())
 
 
 def ordered_estimate(

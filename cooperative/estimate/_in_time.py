@@ -116,8 +116,8 @@ def critical_factor(factors: Sequence[float], failed: Sequence[bool]) -> float:
     pairs = [(f, bad) for f, bad in zip(factors, failed, strict=True) if np.isfinite(f)]
     if not pairs:
         return 1.0
-    known = np.sort([f for f, _ in pairs])
-    tried = np.array([known[0], *(known[1:] + known[:-1]) / 2, known[-1] * (1 + RECORD), 1.0])
+    ordered = np.sort([f for f, _ in pairs])
+    tried = np.array([ordered[0], *(ordered[1:] + ordered[:-1]) / 2, ordered[-1] * (1 + RECORD), 1.0])
     errors = [sum(bad != (f < split) for f, bad in pairs) for split in tried]
     best = tried[np.array(errors) == min(errors)]
     return float(best[np.argmin(np.abs(np.log(best)))])
@@ -152,8 +152,8 @@ def in_time(
     """
     first = np.asarray(first)
     if refined is None:
-        given = first[first >= 0]
-        return [monte_carlo(given <= at, level=level) for at in range(times)]
+        failed_at = first[first >= 0]
+        return [monte_carlo(failed_at <= at, level=level) for at in range(times)]
     answered = {sample: when for sample, when in refined.items() if when >= 0}
     if len(answered) == first.size:
         when = np.array([answered[sample] for sample in range(first.size)])
@@ -192,11 +192,11 @@ def _rising(estimates: Sequence[Estimate]) -> list[Estimate]:
     Source: Chernozhukov, Fernandez-Val and Galichon (2009), doi:10.1093/biomet/asp030 (rearrangement brings the
     estimate of a monotone function, and its band, no farther from it).
     """
-    chances = np.sort([each.probability for each in estimates])
-    low, high = np.sort([each.interval for each in estimates], axis=0).T
+    chances = np.sort([estimate.probability for estimate in estimates])
+    low, high = np.sort([estimate.interval for estimate in estimates], axis=0).T
     return [
-        replace(each, probability=float(chance), interval=(float(lower), float(upper)))
-        for each, chance, lower, upper in zip(estimates, chances, low, high, strict=True)
+        replace(estimate, probability=float(chance), interval=(float(lower), float(upper)))
+        for estimate, chance, lower, upper in zip(estimates, chances, low, high, strict=True)
     ]
 
 

@@ -39,14 +39,14 @@ def draw_samples(population: Population, samples: int, seed: int) -> dict[int, Z
     # The first of exponential arrival times with the weights as rates is a draw in proportion to them.
     arrival = np.random.default_rng([seed, population.independent, samples]).exponential(size=zone.size) / weight
     by_zone = np.lexsort((arrival, zone))
-    drawn = by_zone[np.flatnonzero(np.diff(zone[by_zone], prepend=-1))]
-    stands_for, before = np.bincount(zone, weight)[zone[drawn]], population.zones
+    chosen = by_zone[np.flatnonzero(np.diff(zone[by_zone], prepend=-1))]
+    stands_for, before = np.bincount(zone, weight)[zone[chosen]], population.zones
     return {
         int(numbers[rank]): Zone(
             float(whole), float(score[rank]), float(weight[rank]), population.independent,
             None if before is None else before[order[rank]],
         )
-        for rank, whole in zip(drawn, stands_for, strict=True)
+        for rank, whole in zip(chosen, stands_for, strict=True)
     }  # fmt: skip
 
 

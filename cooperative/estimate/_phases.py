@@ -134,9 +134,9 @@ class Phases:
             weights[self._numbers[position]] += weight
         share = self.estimate.probability
         stands_for = {True: share, False: 1 - share}
-        drawn = {fails: sum(w for n, w in weights.items() if self.answers[n] is fails) for fails in stands_for}
+        sums = {fails: sum(w for n, w in weights.items() if self.answers[n] is fails) for fails in stands_for}
         # A run that broke off undecided belongs to neither class.
-        factor = {fails: stands_for[fails] / drawn[fails] for fails in stands_for if drawn[fails] > 0}
+        factor = {fails: stands_for[fails] / sums[fails] for fails in stands_for if sums[fails] > 0}
         return {
             n: w * factor.get(self.answers[n] is True, 1.0) * (self.answers[n] is not None) for n, w in weights.items()
         }

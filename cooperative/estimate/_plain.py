@@ -213,7 +213,7 @@ class InOrder(Budgeted):
         if self.target_cov is None:
             return dict.fromkeys(outcomes, 1.0)
         share = self._ordered(self.target_cov, population, answers).share.tolist()
-        return {number: each for number, each in enumerate(share) if number in outcomes}
+        return {number: weight for number, weight in enumerate(share) if number in outcomes}
 
 
 @dataclass(frozen=True)

@@ -185,8 +185,8 @@ def _checksum(scene: Scene) -> str:
 
     def static(part: PyTreeDef) -> list[str]:
         kind = part.node_data()
-        own = [] if kind is None or kind[0] is type(None) else [str(kind[1])]
-        return own + [text for child in part.children() for text in static(child)]
+        words = [] if kind is None or kind[0] is type(None) else [str(kind[1])]
+        return words + [text for child in part.children() for text in static(child)]
 
     digest = hashlib.sha256(str(static(jax.tree.structure(scene))).encode())
     for path, leaf in jax.tree_util.tree_leaves_with_path(scene):

@@ -38,11 +38,11 @@ def by_stress(
         (N,) Pa.
     """
     ratios = site.by_stress(soil) or []
-    given = np.array([getattr(each.soil, "strength", None) or 1.0 for each in site.soils(soil)])
-    means, least = np.array([(0.0, 1.0) if each is None else each for each in ratios]).T
+    strengths = np.array([getattr(layer.soil, "strength", None) or 1.0 for layer in site.soils(soil)])
+    means, least = np.array([(0.0, 1.0) if ratio is None else ratio for ratio in ratios]).T
     grown = jnp.maximum((means[layer] if ratio is None else ratio) * stress, least[layer])
-    other = given[layer] if strength is None else strength
-    return jnp.where(np.array([each is not None for each in ratios])[layer], grown, other)
+    other = strengths[layer] if strength is None else strength
+    return jnp.where(np.array([ratio is not None for ratio in ratios])[layer], grown, other)
 
 
 def wet_or_dry(
@@ -68,16 +68,16 @@ def wet_or_dry(
     Returns:
         (N,) N/m3.
     """
-    soils = [each.soil for each in site.soils(soil)]
-    own = np.array([each.unit_weight for each in soils])[layer]
-    means = np.array([getattr(each, SATURATED, None) or np.nan for each in soils])[layer]
+    soils = [layer.soil for layer in site.soils(soil)]
+    moist = np.array([part.unit_weight for part in soils])[layer]
+    means = np.array([getattr(part, SATURATED, None) or np.nan for part in soils])[layer]
     if level is not None:
         water = scene.loads.water
         assert water is not None
         assert hasattr(water, "at_level")
         scene = replace(scene, loads=replace(scene.loads, water=water.at_level(level)))
     wet = jaxmpm.ground.wet(scene) & np.isfinite(means)
-    return jnp.where(wet, means if saturated is None else saturated, own if dry is None else dry)
+    return jnp.where(wet, means if saturated is None else saturated, moist if dry is None else dry)
 
 
 def wetted(site: Site, soil: AnySoil) -> bool:
@@ -87,4 +87,6 @@ def wetted(site: Site, soil: AnySoil) -> bool:
         site: ground of the campaign.
         soil: of the campaign.
     """
-    return site.level is not None and any(getattr(each.soil, SATURATED, None) is not None for each in site.soils(soil))
+    return site.level is not None and any(
+        getattr(layer.soil, SATURATED, None) is not None for layer in site.soils(soil)
+    )

@@ -62,9 +62,9 @@ def strength_of(model: GridModel) -> dict[str, np.ndarray]:
     """
     count = model.scene.particles.mass.size
     return {
-        name: np.broadcast_to(np.rad2deg(each.value) if each.parameter.angle else each.value, count)
-        for name, each in declared(model.scene.material).items()
-        if each.parameter.reduced and not each.parameter.at_most
+        name: np.broadcast_to(np.rad2deg(number.value) if number.parameter.angle else number.value, count)
+        for name, number in declared(model.scene.material).items()
+        if number.parameter.reduced and not number.parameter.at_most
     }
 
 
@@ -76,7 +76,7 @@ def rock_of(model: GridModel) -> np.ndarray:
     """
     if model.layer is None:
         return np.zeros(model.scene.particles.mass.size, bool)
-    return np.array([each.rock for each in model.campaign.site.layers])[model.layer]
+    return np.array([layer.rock for layer in model.campaign.site.layers])[model.layer]
 
 
 def keep_drawn(folder: Path, drawn: Drawn) -> None:

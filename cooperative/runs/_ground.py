@@ -152,7 +152,7 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
     """
     refined = models["refined"]
     campaign, shape = refined.campaign, refined.campaign.site.shape
-    layers = [each.layer for each in campaign.site.layers]
+    layers = [part.layer for part in campaign.site.layers]
     corner, extent = tuple(map(float, shape.corner)), tuple(map(float, shape.extent))
     axes = [np.linspace(low, low + edge, POINTS[len(corner)]) for low, edge in zip(corner[:-1], extent, strict=False)]
     plan = np.meshgrid(*axes, indexing="ij")
@@ -172,7 +172,7 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
         np.stack([*plan, heights]),
         shape.face,
         line=campaign.site.track is not None,
-        layers=tuple(each.name for each in campaign.site.layers),
+        layers=tuple(part.name for part in campaign.site.layers),
         random=tuple(campaign.random),
         terms=refined.soil.modes,
         samples=samples_of(campaign),

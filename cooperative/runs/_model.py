@@ -107,32 +107,30 @@ class GridModel:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters of the law that samples differ in: random ones, and those that go with these."""
-        drawn = (name for name in self.campaign.random if name not in CONTACT)
+        varied = (name for name in self.campaign.random if name not in CONTACT)
         grown = [] if self.stress is None else ["strength"]
         grown += ["unit_weight"] if wetted(self.campaign.site, self.campaign.soil) else []
-        random = tuple(dict.fromkeys(IN_LAW.get(name, name) for name in (*drawn, *grown)))
+        random = tuple(dict.fromkeys(IN_LAW.get(name, name) for name in (*varied, *grown)))
         bound = (
             name
-            for name, each in declared(self.scene.material).items()
-            if self.strength_factor != 1 and name not in random and not each.parameter.reduced
-            and each.parameter.at_most in random
+            for name, number in declared(self.scene.material).items()
+            if self.strength_factor != 1 and name not in random and not number.parameter.reduced
+            and number.parameter.at_most in random
         )  # fmt: skip
         return (*random, *bound)
 
     @property
     def paths(self) -> dict[str, str]:
         """Where `jaxmpm.with_soil` and `solve_each` find the parameters that samples differ in, by name."""
-        known, site = declared(self.scene.material), self.campaign.site
-        own = (*self.names, *self.of_contact, *(() if site.level is None else (LEVEL,)))
-        return {name: known[name].path if name in known else name for name in own}
+        numbers, site = declared(self.scene.material), self.campaign.site
+        varied = (*self.names, *self.of_contact, *(() if site.level is None else (LEVEL,)))
+        return {name: numbers[name].path if name in numbers else name for name in varied}
 
     @property
     def of_contact(self) -> tuple[str, ...]:
         """Which strengths of the interface differ at its nodes: random ones, and those of the soil."""
         random, soil = self.campaign.random, self.campaign.site.contact_of_soil
-        return tuple(
-            known for name, known in CONTACT.items() if name in random or name.removeprefix("interface_") in soil
-        )
+        return tuple(key for name, key in CONTACT.items() if name in random or name.removeprefix("interface_") in soil)
 
     @cached_property
     def contact(self) -> Contact:
@@ -237,7 +235,9 @@ class GridModel:
             for axis in range(len(ends))
         ]
         plan = np.meshgrid(*axes, indexing="ij")
-        heights = np.asarray(shape.heights(*(each.ravel() for each in plan)), float).reshape(plan[0].shape)
+        heights = np.asarray(shape.heights(*(coordinates.ravel() for coordinates in plan)), float).reshape(
+            plan[0].shape
+        )
         # Where a raster has no height there is no ground, and all soil that comes there is above it.
         return np.where(np.isfinite(heights), heights, shape.corner[-1])
 
@@ -257,8 +257,8 @@ class GridModel:
     def with_strength_factor(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
         zoned = isinstance(self.scene.material, Zoned)
-        known = "strength" in self.campaign.random and self.scene.boundary.friction is None and not zoned
-        scene = self.scene if known else jaxmpm.reduced(self.scene, self.strength_factor / factor)
+        divides = "strength" in self.campaign.random and self.scene.boundary.friction is None and not zoned
+        scene = self.scene if divides else jaxmpm.reduced(self.scene, self.strength_factor / factor)
         return replace(self, scene=scene, strength_factor=factor)
 
     def growth_of_trends(self) -> dict[str, tuple[jax.Array | None, ...]]:
@@ -292,9 +292,11 @@ class GridModel:
     def _drawn(self, coefficients: jax.Array | np.ndarray | None) -> dict[str, jax.Array]:
         """What is random at the particles (N,), in engineers' numbers."""
         sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
-        own = {group.layer: self.soil.coefficients(sample, group.layer) for group in self.soil.groups}
+        by_layer = {group.layer: self.soil.coefficients(sample, group.layer) for group in self.soil.groups}
         return {
-            name: self._values(random, name, {layer: each[name] for layer, each in own.items() if name in each}, sample)
+            name: self._values(
+                random, name, {layer: values[name] for layer, values in by_layer.items() if name in values}, sample
+            )
             for name, random in self.campaign.random.items()
         }
 
@@ -309,11 +311,13 @@ class GridModel:
             return {}
         contact, site = self.contact, self.campaign.site
         names = {self.paths[name]: name for name in self.names}
-        own = contact.of_soil({names[path]: value for path, value in soil.items()}) if site.contact_of_soil else {}
-        own = {name: own[name] for name in self.of_contact if name in own}
+        from_soil = (
+            contact.of_soil({names[path]: value for path, value in soil.items()}) if site.contact_of_soil else {}
+        )
+        from_soil = {name: from_soil[name] for name in self.of_contact if name in from_soil}
         sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
         points = jnp.asarray(contact.points, self.scene.particles.position.dtype)
-        for name, known in CONTACT.items():
+        for name, key in CONTACT.items():
             if name not in self.campaign.random:
                 continue
             field, group = self.campaign.random[name], self.soil.groups_of(name)[None]
@@ -321,9 +325,9 @@ class GridModel:
             value = self.soil.marginal(field, name, sample, None).transform(gaussian)
             if field.trend is not None:
                 value = value * jnp.asarray(field.grown(site.depth(contact.points, field, 0)), value.dtype)
-            strength = jnp.tan(jnp.deg2rad(value)) if known == CONTACT["interface_friction"] else value
-            own[known] = contact.spread(self.strength_factor * strength)
-        return own
+            strength = jnp.tan(jnp.deg2rad(value)) if key == CONTACT["interface_friction"] else value
+            from_soil[key] = contact.spread(self.strength_factor * strength)
+        return from_soil
 
     def _in_law(self, drawn: Mapping[str, jax.Array], level: float | None) -> dict[str, jax.Array]:
         """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""
@@ -340,30 +344,30 @@ class GridModel:
         if self.strength_factor == 1:
             return numbers
         law = self.scene.material
-        known = {name: each.path for name, each in declared(law).items()}
-        full = with_parameters(law, {known[name]: value for name, value in numbers.items() if name in known})
+        paths = {name: number.path for name, number in declared(law).items()}
+        full = with_parameters(law, {paths[name]: value for name, value in numbers.items() if name in paths})
         reduced = declared(jaxmpm.laws.reduce_strength(full, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
         count = self.scene.particles.mass.shape
         return {
-            name: jnp.broadcast_to(reduced[name].value, count) if name in known else numbers[name]
+            name: jnp.broadcast_to(reduced[name].value, count) if name in paths else numbers[name]
             for name in self.names
         }
 
     def _of_engineers(self, name: str, value: jax.Array, *, inverse: bool = False) -> jax.Array:
         """A parameter's number in the law, of the engineer's; inverse: the engineer's, of that in the law."""
-        known = declared(self.scene.material).get(name)
-        if known is None:
+        number = declared(self.scene.material).get(name)
+        if number is None:
             return value
         if isinstance(self.scene.material, Zoned):
-            value = jnp.where(jnp.isnan(known.value), jnp.nan, value)  # in zones without it
-        if known.parameter.angle:
+            value = jnp.where(jnp.isnan(number.value), jnp.nan, value)  # in zones without it
+        if number.parameter.angle:
             return jnp.rad2deg(value) if inverse else jnp.deg2rad(value)
-        if not known.parameter.per_band:
+        if not number.parameter.per_band:
             return value
         # The law's own number is of the grid's bands, that of the soil of one as thick as its `softening_length`.
-        soils = [each.soil for each in self.campaign.site.soils(self.campaign.soil)]
-        own = np.array([getattr(soil, name, None) for soil in soils], float)
-        scale = known.value / (own[0] if self.layer is None else own[self.layer])
+        soils = [layer.soil for layer in self.campaign.site.soils(self.campaign.soil)]
+        values = np.array([getattr(soil, name, None) for soil in soils], float)
+        scale = number.value / (values[0] if self.layer is None else values[self.layer])
         return value / scale if inverse else value * scale
 
     def _values(

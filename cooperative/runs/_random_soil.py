@@ -69,7 +69,7 @@ class Group:
             sample: (modes,) of the sample.
             drawn: marginals of the sample by parameter, of those whose mean is uncertain.
         """
-        own = sample if self.indices is None else jnp.asarray(sample)[self.indices]
+        vector = sample if self.indices is None else jnp.asarray(sample)[self.indices]
         conditioning = self.conditioning
         if conditioning is not None:
             if self.measured:
@@ -78,10 +78,10 @@ class Group:
                     for name, field, at in self.measured
                 ]
                 conditioning = replace(conditioning, mean=conditioning.gain @ jnp.concatenate(scores))
-            own = kl.conditioned(conditioning, own)
+            vector = kl.conditioned(conditioning, vector)
         if self.root is None:
-            return {self.names[0]: own}
-        fields = jnp.asarray(own).reshape(len(self.names), -1)
+            return {self.names[0]: vector}
+        fields = jnp.asarray(vector).reshape(len(self.names), -1)
         return dict(zip(self.names, jnp.asarray(self.root, fields.dtype) @ fields, strict=True))
 
     def inside(self, points: jax.Array) -> jax.Array:
@@ -185,7 +185,7 @@ class RandomSoil:
         groups = [group for group in self.groups if group.layer == layer]
         scores = self.scores(sample, layer)
         drawn = {name: field.drawn(scores[name]) for stops, name, field in self.uncertain if stops == layer}
-        return {name: own for group in groups for name, own in group.coefficients(sample, drawn).items()}
+        return {name: values for group in groups for name, values in group.coefficients(sample, drawn).items()}
 
     def groups_of(self, parameter: str) -> Mapping[int | None, Group]:
         """The groups that a parameter is of, by the layer at which their fields stop."""
@@ -212,8 +212,8 @@ def random_soil(campaign: Campaign) -> RandomSoil:
     parts = [_part(campaign, None, fields, (site.shape.corner, site.shape.extent))] if fields else []
     for number, layer in enumerate(site.layers):
         if layer.own:
-            own = {name: field for name, field in layer.random.items() if name in layer.own}
-            parts.append(_part(campaign, number, own, site.box_of(number)))
+            fields_there = {name: field for name, field in layer.random.items() if name in layer.own}
+            parts.append(_part(campaign, number, fields_there, site.box_of(number)))
     soil = _random_soil(tuple(parts), correlated, campaign.measured.terms)
     return soil if site.level is None else replace(soil, others=1)
 
@@ -237,8 +237,10 @@ def _borehole_depths(campaign: Campaign, layer: int | None, field: RandomField) 
     number = site.layer_of(points, numerics) if layer is None else np.full(points.shape[1], layer)
     if number is None:
         return tuple(site.depth(points, field, 0).tolist())
-    each = [site.depth(point[:, None], field, int(at), numerics)[0] for point, at in zip(points.T, number, strict=True)]
-    return tuple(map(float, each))
+    depths = [
+        site.depth(point[:, None], field, int(at), numerics)[0] for point, at in zip(points.T, number, strict=True)
+    ]
+    return tuple(map(float, depths))
 
 
 @lru_cache(maxsize=8)

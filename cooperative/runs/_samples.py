@@ -314,7 +314,7 @@ def _ground_moved(model: GridModel, displacement: np.ndarray) -> np.ndarray:
     position, plan = np.asarray(model.scene.particles.position), model.columns
     top = model.campaign.site.shape.heights(*position[:-1].astype(float)) - position[-1] <= plan.cell
     cells = np.floor((position[:-1] - np.array(plan.origin)[:, None]) / plan.cell).astype(int)
-    at = tuple(np.clip(each, 0, count - 1)[top] for each, count in zip(cells, plan.shape, strict=True))
+    at = tuple(np.clip(index, 0, count - 1)[top] for index, count in zip(cells, plan.shape, strict=True))
     moved = np.zeros(plan.shape)
     np.maximum.at(moved, at, np.linalg.norm(displacement, axis=0)[top])
     return moved

@@ -128,8 +128,8 @@ def name_of_rank(campaign: Campaign) -> str | None:
     rank = campaign.rank
     if isinstance(rank, FromScript):
         return rank.words.partition("(")[0]
-    own = rank if rank is None or hasattr(rank, "__qualname__") else type(rank)
-    return None if own is None else short(f"{own.__module__}.{own.__qualname__}", 200)
+    kind = rank if rank is None or hasattr(rank, "__qualname__") else type(rank)
+    return None if kind is None else short(f"{kind.__module__}.{kind.__qualname__}", 200)
 
 
 def screened_by(scores: np.ndarray) -> Screened:

@@ -92,8 +92,8 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     def alone(soil: AnySoil) -> Scene:
         # One particle of the same soil has the same time step, and meets the same checks.
         domain, corner = (2 * numerics.cell,) * campaign.dimension, (0.0,) * campaign.dimension
-        own = numerics if getattr(soil, "softens", True) else replace(numerics, internal_length=None)
-        return block(numerics.spacing, soil, own, domain=domain, corner=corner, speed=speed)[0]
+        local = numerics if getattr(soil, "softens", True) else replace(numerics, internal_length=None)
+        return block(numerics.spacing, soil, local, domain=domain, corner=corner, speed=speed)[0]
 
     soils = [layer.soil for layer in site.soils(campaign.soil)]
     scenes = [alone(soil) for soil in soils]
@@ -124,13 +124,13 @@ def _varies_in_steepness(law: Material, random: Collection[str]) -> bool:
 def _steepest(soil: AnySoil, random: Mapping[str, RandomField], span: tuple[float, float]) -> AnySoil:
     """The soil where it softens most steeply beside its shear modulus: what varies at such ends of its values."""
 
-    def steepness(each: AnySoil) -> float:
-        law = each.material(np.dtype("float32"), 1.0)
+    def steepness(varied: AnySoil) -> float:
+        law = varied.material(np.dtype("float32"), 1.0)
         return 0.0 if law.steepest_softening is None else float(law.steepest_softening / law.shear)
 
     names = [name for name in random if hasattr(soil, name) and name != "strength_ratio"]
     ends = product(*(random[name].extremes(span) for name in names))
-    return max((replace(soil, **dict(zip(names, each, strict=True))) for each in ends), key=steepness)
+    return max((replace(soil, **dict(zip(names, values, strict=True))) for values in ends), key=steepness)
 
 
 def _refused_at_the_ends(alone: Callable[[AnySoil], Scene], soil: AnySoil) -> None:

@@ -283,8 +283,8 @@ class Campaign(Part):
     @property
     def runout_thickness(self) -> float:
         """Thickness of the deposit (m) at the front of the run-out, the same on all grids; 0 for the foremost soil."""
-        given = self.run.runout_thickness
-        return float(f"{RUNOUT_SHARE * self._height:.3g}") if given is None else given
+        thickness = self.run.runout_thickness
+        return float(f"{RUNOUT_SHARE * self._height:.3g}") if thickness is None else thickness
 
     @property
     def least_volume(self) -> str | None:
@@ -310,8 +310,8 @@ def _from_script(value: object) -> Iterator[FromScript]:
 
 def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:
     """The soil with the means of what varies, where it leaves them out."""
-    own = {each.name for each in fields(soil)} if is_dataclass(soil) else set()
-    missing = {name: varies.mean for name, varies in random.items() if name in own and getattr(soil, name) is None}
+    names = {part.name for part in fields(soil)} if is_dataclass(soil) else set()
+    missing = {name: varies.mean for name, varies in random.items() if name in names and getattr(soil, name) is None}
     return replace(soil, **missing) if missing else soil
 
 
@@ -371,9 +371,9 @@ def check_campaign(campaign: Campaign) -> None:
         run.check_early(softens=campaign.site.softens_linearly(campaign.soil), shaken=campaign.motion is not None)
     with gathered.of():
         _check_elements(campaign.elements_at_risk)
-    for each in (_check_run, _check_weights, _check_fields, check_failure, _check_sizes_of_cells):
+    for check in (_check_run, _check_weights, _check_fields, check_failure, _check_sizes_of_cells):
         with gathered.of():
-            each(campaign)
+            check(campaign)
     gathered.raise_all()
 
 
@@ -455,19 +455,19 @@ def check_moving(campaign: Campaign) -> None:
     if site.ends == "free field":
         raise ValueError(f"ends = 'free field' beside [{name}], whose pressure the columns do not have: take rollers")
     soils = site.soils(campaign.soil)
-    if all(getattr(each.soil, "friction", None) is None for each in soils):
+    if all(getattr(layer.soil, "friction", None) is None for layer in soils):
         raise ValueError(
             f"[{name}] in undrained soil, whose strength does not depend on pore pressure: give cohesion and friction"
         )
     if site.by_stress(campaign.soil) is not None:
         raise ValueError(f"strength_ratio beside [{name}], whose pressure is not that of consolidation: give strength")
-    weights = [each for random in (campaign.random, *(each.random for each in site.layers)) for each in random]
-    if varies := [each for each in weights if each in WEIGHTS]:
+    parameters = [name for random in (campaign.random, *(layer.random for layer in site.layers)) for name in random]
+    if varies := [name for name in parameters if name in WEIGHTS]:
         raise ValueError(f"{varies[0]} varies beside [{name}], in which weight follows the water: give it as a number")
-    known = [each.name for each in site.layers]
+    names = [layer.name for layer in site.layers]
     for layer in table.layer:
-        if layer.name not in known:
-            has = f"give one of {', '.join(map(shown, known))}" if known else "the ground has none, give soil instead"
+        if layer.name not in names:
+            has = f"give one of {', '.join(map(shown, names))}" if names else "the ground has none, give soil instead"
             raise ValueError(f"[[{name}.layer]] name = {shown(layer.name)} is no [[layer]] of the ground: {has}")
 
 
@@ -486,7 +486,7 @@ def _check_weights(campaign: Campaign) -> None:
     if site.water_table is None:
         return
     every: list[tuple[str, RandomField]] = []
-    for label, random in (("", campaign.random), *((f"{each.label}: ", each.random) for each in site.layers)):
+    for label, random in (("", campaign.random), *((f"{layer.label}: ", layer.random) for layer in site.layers)):
         below = WEIGHTS[1] if WEIGHTS[1] in random else WEIGHTS[0]
         every += [(f"{label}{below}", random[below])] if below in random else []
     for name, varies in every:
@@ -525,7 +525,7 @@ def _check_boreholes(campaign: Campaign, gathered: Gathered) -> None:
     through: list[tuple[int | None, str, RandomField]] = [
         (None, name, varies) for name, varies in campaign.random.items() if campaign.site.spans(name)
     ]
-    through += [(number, name, each.random[name]) for number, each in enumerate(layers) for name in each.own]
+    through += [(number, name, part.random[name]) for number, part in enumerate(layers) for name in part.own]
     for number, name, varies in through:
         if varies.boreholes is None or not any(name in each.own for each in layers):
             continue

@@ -62,7 +62,7 @@ def check_scene(path: Path, then: Callable[[Campaign], None], *, outside: bool =
             checked(with_files(to_toml(given), path.parent, outside=outside), further=not unusual)
         except (ValueError, OSError) as error:
             more = faults_of(error) if isinstance(error, ValueError) else ()
-            faults += [each for each in more if each not in faults and not _named(each, replaced)]
+            faults += [fault for fault in more if fault not in faults and not _named(fault, replaced)]
     raise Faults(faults)
 
 
@@ -79,17 +79,17 @@ def _named(fault: str, keys: set[str]) -> bool:
 def _on_purpose(given: dict[str, object], faults: Sequence[str]) -> set[str]:
     """Let the soil of a scene be unusual, where a number of it is.
 
-    given: tables of a scene, which change. Returns the keys of these numbers; none where nothing changes.
+    scene: its tables, which change. Returns the keys of these numbers; none where nothing changes.
     """
     soil = given.get("soil")
-    unusual = [each for each in faults if "unusual = true" in each]
+    unusual = [fault for fault in faults if "unusual = true" in fault]
     if not unusual or not isinstance(soil, dict) or soil.get("unusual"):
         return set()
     soil["unusual"] = True
-    return {re.split(r"[^\w]+", each.partition(" = ")[0])[-1] for each in unusual}
+    return {re.split(r"[^\w]+", fault.partition(" = ")[0])[-1] for fault in unusual}
 
 
-def _with_examples(given: dict[str, object]) -> set[str]:
+def _with_examples(scene: dict[str, object]) -> set[str]:
     """Put an example in the place of each value that its key cannot have, and leave out keys that are not known.
 
     given: tables of a scene, which change.
@@ -98,21 +98,21 @@ def _with_examples(given: dict[str, object]) -> set[str]:
         The keys; none where no value is at fault, or one is that no example can replace.
     """
     try:
-        TypeAdapter(tables.Scene).validate_python(given)
+        TypeAdapter(tables.Scene).validate_python(scene)
     except ValidationError as error:
-        found = [_replaced(given, fault) for fault in error.errors(include_url=False)]
+        found = [_replaced(scene, fault) for fault in error.errors(include_url=False)]
         return set() if None in found else {key for key in found if key is not None}
     return set()
 
 
-def _replaced(given: dict[str, object], fault: ErrorDetails) -> str | None:
+def _replaced(scene: dict[str, object], fault: ErrorDetails) -> str | None:
     """Mend one fault of a scene's tables.
 
     Returns:
         The key at fault; None where there is no example for it.
     """
     kind: type[tables.Part] | None = tables.Scene
-    at: object = given
+    at: object = scene
     for part, following in _steps(fault["loc"]):
         if isinstance(at, Sequence) and not isinstance(at, str) and isinstance(part, int):
             at = at[part]
@@ -147,4 +147,4 @@ def _steps(location: tuple[int | str, ...]) -> list[tuple[int | str, bool]]:
 def _example(examples: Sequence[object] | None) -> object:
     """A value of a key that stands for no shape: a number, a text, or one number for each axis."""
     example = examples[0] if examples else None
-    return None if isinstance(example, list) and any(isinstance(each, list) for each in example) else example
+    return None if isinstance(example, list) and any(isinstance(part, list) for part in example) else example

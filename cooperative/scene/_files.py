@@ -150,9 +150,9 @@ class Files:
             path, _, layer = name.partition("#")
             features, projection = read_features(self._path(path), layer or None)
             self._compare(path, projection)
-            for each in features:
-                points = np.array(each["points"])
-                each["points"] = (points - shift_of(self.origin, points)).tolist()
+            for feature in features:
+                points = np.array(feature["points"])
+                feature["points"] = (points - shift_of(self.origin, points)).tolist()
             return features
 
         remedy = "give points [[x, y], ...]"
@@ -168,10 +168,12 @@ class Files:
             name: of the file.
             unit: of the record by the scene (m/s2), None where it has none that is known.
         """
-        known = next((each for each, factor in tables.ACCELERATIONS.items() if factor == unit), "m/s2")
+        unit_name = next((word for word, factor in tables.ACCELERATIONS.items() if factor == unit), "m/s2")
 
         def read() -> BaseMotion:
-            return read_motion(self._path(name), axes=tables.AXES, unit=known, scale=1 / tables.ACCELERATIONS[known])
+            return read_motion(
+                self._path(name), axes=tables.AXES, unit=unit_name, scale=1 / tables.ACCELERATIONS[unit_name]
+            )
 
         return self._content(name, BaseMotion, read)
 
@@ -221,10 +223,10 @@ def _of_backslash(name: str) -> str:
     return "; its name has a backslash, or a special character that one gave: write folders of a path with / in between"
 
 
-def _is_feature(given: object) -> bool:
+def _is_feature(value: object) -> bool:
     """Whether this is a feature: a scene from somebody else may hold anything in its place."""
     try:
-        name, points, holes = (given[key] for key in Feature.__annotations__)  # type: ignore[index]
+        name, points, holes = (value[key] for key in Feature.__annotations__)  # type: ignore[index]
         return isinstance(name, str) and isinstance(holes, int) and np.asarray(points, float).shape[1:] == (2,)
     except (KeyError, TypeError, ValueError):
         return False
@@ -260,7 +262,7 @@ def _quoted(text: str) -> str:
 def toml_value(value: object) -> str:
     """A value as TOML writes it."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_key(key)} = {toml_value(each)}" for key, each in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(key)} = {toml_value(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, str):

@@ -23,7 +23,7 @@ TABLES: Mapping[str, type[tables.Part]] = {
 }
 """The tables that a scene may have, by name."""
 SEVERAL = tuple(
-    name for name in TABLES if any(get_origin(each) is list for each in tables.parts(tables.keys(tables.Scene)[name]))
+    name for name in TABLES if any(get_origin(part) is list for part in tables.parts(tables.keys(tables.Scene)[name]))
 )
 """Tables of which there may be several: `[[layer]]`."""
 
@@ -51,13 +51,13 @@ def _plain(schema: tables.Schema) -> dict[str, object]:
     if "examples" in schema:
         unit, default = _unit(schema), schema.get("otherwise")
         words += (f" ({unit})" if unit else "") + (f" Default: {default}." if default else "")
-    plain = {name: _plain_value(each) for name, each in schema.items() if name not in tables.EXTRAS}
+    plain = {name: _plain_value(part) for name, part in schema.items() if name not in tables.EXTRAS}
     return plain | ({"description": words} if words else {})
 
 
 def _plain_value(value: object) -> object:
     if isinstance(value, list):
-        return [_plain_value(each) for each in value]
+        return [_plain_value(item) for item in value]
     return _plain(value) if isinstance(value, dict) else value
 
 
@@ -75,8 +75,8 @@ def markdown() -> str:
     explained: set[type[tables.Part]] = set()
     for section, table in TABLES.items():
         brackets = 2 if section in SEVERAL else 1
-        own = tables.keys(tables.Scene)[section].description
-        words = " ".join((own or tables.schema_of(table)["description"]).split())
+        description = tables.keys(tables.Scene)[section].description
+        words = " ".join((description or tables.schema_of(table)["description"]).split())
         parts += [f"## `{'[' * brackets}{section}{']' * brackets}`\n", words + "\n"]
         if table in explained:
             continue
@@ -85,8 +85,8 @@ def markdown() -> str:
         parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
         left_out = tables.keys(tables.Soil) if table is tables.Layer else ()
         parts += [
-            _row(name, each, _allowed(table, name, each), required=name in schema.get("required", ()))
-            for name, each in schema["properties"].items()
+            _row(name, part, _allowed(table, name, part), required=name in schema.get("required", ()))
+            for name, part in schema["properties"].items()
             if name not in left_out
         ]
         parts.append("")
@@ -104,7 +104,9 @@ def _allowed(table: type[tables.Part], name: str, schema: tables.Schema) -> str:
     if inner is None or inner is tables.RandomField or not words.endswith("a table"):
         return words
     keys = tables.schema_of(inner)["properties"].items()
-    return f"{words}: " + "; ".join(f"`{key}` {tables.wanted(each)} ({_unit(each) or '-'})" for key, each in keys)
+    return f"{words}: " + "; ".join(
+        f"`{key}` {tables.wanted(annotation)} ({_unit(annotation) or '-'})" for key, annotation in keys
+    )
 
 
 def _row(name: str, schema: tables.Schema, allowed: str, *, required: bool) -> str:

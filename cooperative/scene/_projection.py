@@ -94,11 +94,11 @@ def _numbers(crs: CRS) -> dict[str, object]:
     """Projection and figure of the earth, to a millimetre; names differ between programs."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that a text in PROJ's words has no datum, which is left out here
-        known = crs.to_dict()
+        words = crs.to_dict()
     figure = crs.ellipsoid
-    if "proj" not in known or figure is None:
+    if "proj" not in words or figure is None:
         return {}
-    numbers = {name: round(value, 9) if isinstance(value, float) else value for name, value in known.items()}
+    numbers = {name: round(value, 9) if isinstance(value, float) else value for name, value in words.items()}
     shape = {"axis": round(figure.semi_major_metre), "flattening": round(figure.inverse_flattening, 3)}
     return {name: value for name, value in numbers.items() if name not in DATUMS} | shape
 

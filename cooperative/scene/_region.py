@@ -39,7 +39,7 @@ def shift_of(origin: Sequence[float], points: np.ndarray) -> np.ndarray:
         return np.zeros(start.size)
     if CLEARLY * from_origin <= from_zero:
         return start
-    where = ", ".join(f"{each:.10g}" for each in middle)
+    where = ", ".join(f"{coordinate:.10g}" for coordinate in middle)
     raise ValueError(
         f"the middle of the file, ({where}) m, lies {from_origin:.3g} m from origin = "
         f"{list(origin)} and {from_zero:.3g} m from 0, so that it is not clear whether the origin is to be subtracted: "

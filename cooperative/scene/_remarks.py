@@ -92,7 +92,7 @@ def _of_sizes(campaign: Campaign) -> Iterator[str]:
             f"the slope is {relief:.4g} m high, {relief / campaign.rough.cell:.2g} cells of {campaign.rough.cell:g} m "
             f"of the rough grid, which hardly resolves a slide: give cells of at most {relief / FEW:.3g} m"
         )
-    names = [each.name for each in campaign.site.layers]
+    names = [layer.name for layer in campaign.site.layers]
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
         yield (
             f"{names.count(name)} layers are called {shown(name)}: messages, figures and tables do not tell them "
@@ -109,11 +109,12 @@ def _of_levels(campaign: Campaign) -> Iterator[str]:
     if not isinstance(campaign.estimator, Subset):
         return
     replicates = campaign.estimator.replicates or SubsetPlan.replicates
-    each = campaign.plan.samples // replicates
-    if each < LEVEL:
+    per_replicate = campaign.plan.samples // replicates
+    if per_replicate < LEVEL:
         yield (
-            f"levels of {each} samples in each of {replicates} replicates: in trials P_f came out too high by 100 % "
-            f"with 20, 35 % with 50, 20 % with 100 and 9 % with {LEVEL}; give samples = {LEVEL * replicates:,} or more"
+            f"levels of {per_replicate} samples in each of {replicates} replicates: in trials P_f came out too high by "
+            f"100 % with 20, 35 % with 50, 20 % with 100 and 9 % with {LEVEL}; give samples = "
+            f"{LEVEL * replicates:,} or more"
         )
 
 
@@ -122,7 +123,7 @@ def _of_cuts(campaign: Campaign) -> Iterator[str]:
     site, shape = campaign.site, as_section(campaign.site.shape)
     if shape is None or not site.layers:
         return
-    x, heights = shape.boundaries([each.layer for each in site.layers])
+    x, heights = shape.boundaries([part.layer for part in site.layers])
     for number, layer in enumerate(site.layers):
         names = [name for name, field in layer.random.items() if field.trend and field.trend_from == "layer"]
         cut = (heights[number] >= heights[0] - 1e-6) & (heights[number] > heights[number + 1] + 1e-6)
@@ -142,7 +143,7 @@ OUTCROP = 0.1
 
 def _of_dilation(campaign: Campaign) -> Iterator[str]:
     """Soil that dilates for ever."""
-    for soil in [each.layer.soil for each in campaign.site.layers] or [campaign.soil]:
+    for soil in [layer.layer.soil for layer in campaign.site.layers] or [campaign.soil]:
         dilation = getattr(soil, "dilation", None)
         if dilation and getattr(soil, "softening_strain", None) is None:
             yield (
@@ -154,7 +155,7 @@ def _of_dilation(campaign: Campaign) -> Iterator[str]:
 
 def _of_gaps(campaign: Campaign) -> Iterator[str]:
     """Soil with friction and without cohesion that forgets how far it has opened."""
-    for soil in [each.layer.soil for each in campaign.site.layers] or [campaign.soil]:
+    for soil in [layer.layer.soil for layer in campaign.site.layers] or [campaign.soil]:
         if isinstance(soil, FrictionalSoil) and soil.cohesion == 0 and soil.tension_cutoff is None:
             yield (
                 f"cohesion = 0 with friction = {soil.friction:g} degrees and without tension_cutoff: soil that opens "

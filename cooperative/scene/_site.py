@@ -128,8 +128,8 @@ class Site:
             ValueError: ground, soil and grid do not fit together.
         """
         # What is unusual was asked about when the scene was read.
-        layers = [replace(each, soil=_without_warnings(each.soil)) for each in self.soils(soil)]
-        frictional = any(getattr(each.soil, "friction", None) is not None for each in layers)
+        layers = [replace(layer, soil=_without_warnings(layer.soil)) for layer in self.soils(soil)]
+        frictional = any(getattr(layer.soil, "friction", None) is not None for layer in layers)
         # Without friction it determines the strength, and is no load on soil in total stress.
         r_u = self.r_u if frictional or not self.by_stress(soil) else None
         moving = self.pressure
@@ -142,7 +142,7 @@ class Site:
     @property
     def _bare(self) -> list[Layer]:
         """Its layers as the solver has them."""
-        return [replace(each.layer, name=None if each.unnamed else each.name) for each in self.layers]
+        return [replace(layer.layer, name=None if layer.unnamed else layer.name) for layer in self.layers]
 
     @property
     def height(self) -> float:
@@ -159,21 +159,21 @@ class Site:
 
         Soil whose strength goes with the stress at rest has its least strength there.
         """
-        return [replace(each, soil=_at_least_strength(each.soil)) for each in self._bare or [Layer(soil)]]
+        return [replace(layer, soil=_at_least_strength(layer.soil)) for layer in self._bare or [Layer(soil)]]
 
     def softens_linearly(self, soil: AnySoil) -> bool:
         """Whether all soil loses strength in proportion to plastic strain, that of layers or the campaign's own."""
-        soils = [each.soil for each in self._bare or [Layer(soil)]]
-        return all(getattr(each, "softening_modulus", None) is not None for each in soils)
+        soils = [layer.soil for layer in self._bare or [Layer(soil)]]
+        return all(getattr(part, "softening_modulus", None) is not None for part in soils)
 
     def by_stress(self, soil: AnySoil | None) -> list[StrengthByStress | None] | None:
         """How the strength of each layer, or of the campaign's own soil, goes with the stress at rest.
 
         None stands for a layer where it does not; the whole is None where it does in none.
         """
-        soils: list[AnySoil | None] = [each.layer.soil for each in self.layers] or [soil]
-        given = [(getattr(each, "strength_ratio", None), getattr(each, "strength_minimum", 0.0)) for each in soils]
-        ratios = [None if ratio is None else StrengthByStress(ratio, minimum) for ratio, minimum in given]
+        soils: list[AnySoil | None] = [part.layer.soil for part in self.layers] or [soil]
+        numbers = [(getattr(part, "strength_ratio", None), getattr(part, "strength_minimum", 0.0)) for part in soils]
+        ratios = [None if ratio is None else StrengthByStress(ratio, minimum) for ratio, minimum in numbers]
         return ratios if any(ratios) else None
 
     def layer_of(self, position: np.ndarray, numerics: Discretisation) -> np.ndarray | None:
@@ -198,19 +198,19 @@ class Site:
             value = getattr(soil, parameter, None)
             return field.mean if value is None else float(value)
 
-        return tuple(each.random.get(parameter) or number(each.layer.soil) for each in self.layers) or (field,)
+        return tuple(layer.random.get(parameter) or number(layer.layer.soil) for layer in self.layers) or (field,)
 
     def representative(self, soil: AnySoil | None) -> AnySoil:
         """The soil of the whole scene; where it gives none, that of the first layer that softens, or is no rock."""
         if soil is not None:
             return soil
-        first = sorted(self.layers, key=lambda each: (each.rock, not getattr(each.layer.soil, "softens", False)))
+        first = sorted(self.layers, key=lambda layer: (layer.rock, not getattr(layer.layer.soil, "softens", False)))
         return first[0].layer.soil
 
     def all_random(self, random: Mapping[str, RandomField]) -> Mapping[str, RandomField]:
         """What varies, by parameter in the order of `LIMITS`: of the whole scene, then of the first layer."""
-        own = {name: each.random[name] for each in reversed(self.layers) for name in each.own}
-        every = {**own, **random}
+        stopped = {name: layer.random[name] for layer in reversed(self.layers) for name in layer.own}
+        every = {**stopped, **random}
         return {name: every[name] for name in LIMITS if name in every}
 
     def spans(self, parameter: str) -> bool:
@@ -218,7 +218,7 @@ class Site:
 
         It has none where every layer in which it varies has its own.
         """
-        stops = [parameter in each.own for each in self.layers if parameter in each.random]
+        stops = [parameter in layer.own for layer in self.layers if parameter in layer.random]
         return not stops or not all(stops)
 
     def box_of(self, number: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -268,9 +268,9 @@ def _at_least_strength(soil: AnySoil) -> AnySoil:
 def check_seams(site: Site, cell: float) -> None:
     """Raise ValueError for a weak layer that is too thin for the cells (m) of the solver's refined grid."""
     for layer, thickness in zip(site.layers, site.thicknesses, strict=True):
-        asked = thickness.too_thin(cell)
-        if asked is not None and not getattr(layer.layer.soil, "unusual", False):
-            raise ValueError(f"{layer.label} {asked} If that is intended, give its soil unusual = true")
+        thin = thickness.too_thin(cell)
+        if thin is not None and not getattr(layer.layer.soil, "unusual", False):
+            raise ValueError(f"{layer.label} {thin} If that is intended, give its soil unusual = true")
 
 
 def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
@@ -281,8 +281,8 @@ def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
     A saturated unit weight in ground without a water table, where no soil would have it; a strength that goes with the
     effective stress, in ground of which no water is known.
     """
-    for each in site.soils(soil):
-        saturated = getattr(each.soil, "saturated_unit_weight", None)
+    for layer in site.soils(soil):
+        saturated = getattr(layer.soil, "saturated_unit_weight", None)
         if saturated is not None and site.water_table is None and not moves:
             why, remedy = (
                 ("without water in the ground", "give the water's level, table, raster or depth")
@@ -291,7 +291,7 @@ def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
             )
             rule, remedy = f"has no effect {why}", f"{remedy}, or leave it out"
             raise Invalid(("saturated_unit_weight",), f"{saturated:g} N/m3", rule, remedy)
-    ratios = [each.ratio for each in site.by_stress(soil) or () if each is not None]
+    ratios = [part.ratio for part in site.by_stress(soil) or () if part is not None]
     if ratios and site.water is None:
         raise Invalid(
             ("strength_ratio",), f"{ratios[0]:g}",

@@ -181,9 +181,13 @@ def _origin(scene: Mapping[str, object]) -> tuple[float, ...]:
     x = table_of(scene, "ground").get("origin")
     if isinstance(x, int | float):
         return (float(x),)
-    given = table_of(scene, "terrain").get("origin")
-    known = isinstance(given, list) and len(given) == 2 and all(isinstance(each, int | float) for each in given)
-    return (float(given[0]), float(given[1])) if known and isinstance(given, list) else (0.0, 0.0)
+    origin = table_of(scene, "terrain").get("origin")
+    valid = (
+        isinstance(origin, list)
+        and len(origin) == 2
+        and all(isinstance(coordinate, int | float) for coordinate in origin)
+    )
+    return (float(origin[0]), float(origin[1])) if valid and isinstance(origin, list) else (0.0, 0.0)
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
@@ -239,36 +243,36 @@ def _site(scene: tables.Scene, table: tables.Slope | tables.Ground | tables.Terr
     return Site(terrain, table.ends, water=scene.water, track=track, origin=table.origin or (0.0, 0.0))
 
 
-def check_limit_load(run: tables.Run, keys: Mapping[str, object], given: tables.LimitLoad | None) -> None:
+def check_limit_load(run: tables.Run, keys: Mapping[str, object], measured: tables.LimitLoad | None) -> None:
     """Check a limit load, asked for or given.
 
     Args:
         run: of the scene.
         keys: of its table, as they stand in the scene.
-        given: by the scene, None where not.
+        measured: that the scene gives, None where it gives none.
 
     Raises:
         ValueError: it does not go with the table [run].
     """
-    asked = run.failure == "limit load"
-    if asked and "failure_displacement" in keys:
+    by_load = run.failure == "limit load"
+    if by_load and "failure_displacement" in keys:
         raise Invalid(
             ("run", "failure_displacement"), None, "has no effect beside failure = 'limit load', which finds it",
             "leave it out",
         )  # fmt: skip
-    if asked and run.least_volume == 0:
+    if by_load and run.least_volume == 0:
         raise Invalid(
             ("run", "least_volume"), "0", "beside failure = 'limit load'",
             "any particle moves below the limit load, give more or leave it out",
         )  # fmt: skip
-    if given is None:
+    if measured is None:
         return
-    if not asked:
+    if not by_load:
         raise Invalid(("limit_load",), None, "is there without [run] failure = 'limit load'", "leave it out")
-    if run.least_volume not in (None, given.volume):
+    if run.least_volume not in (None, measured.volume):
         raise Invalid(
             ("run", "least_volume"), f"{run.least_volume:g}",
-            f"and [limit_load] volume = {shown(given.volume)} differ",
+            f"and [limit_load] volume = {shown(measured.volume)} differ",
             "the displacement belongs to one volume, give that one in both",
         )  # fmt: skip
 

@@ -73,17 +73,19 @@ def variants(scene: Source | str | Path) -> list[Variant]:
         raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
     points = [(name, value) for name, values in sweep.of_strength.items() for value in values]
     by_path = list(variants_of(source.tables))
-    same = [(each.parameter, each.value) for each in by_path if each.tables == base_scene or _is_default(each, source)]
-    campaigns = [variant(BASE, *(each for each in points if each[1] == base[each[0]]), *same)]
+    same = [
+        (point.parameter, point.value) for point in by_path if point.tables == base_scene or _is_default(point, source)
+    ]
+    campaigns = [variant(BASE, *(point for point in points if point[1] == base[point[0]]), *same)]
     for parameter, value in points:
         if value != base[parameter]:
             changed = {**base, parameter: value}
             length = [changed[axis] for axis in _axes(dimension)]
             table = {**table_of(base_scene, "strength"), "cov": changed["cov"], "length": length}
             campaigns.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
-    for each in by_path:
-        if (each.parameter, each.value) not in same:
-            campaigns.append(_by_path(each, source))
+    for point in by_path:
+        if (point.parameter, point.value) not in same:
+            campaigns.append(_by_path(point, source))
     if sweep.k_t is not None:
         # All values of k_t follow from the runs that the largest asks for.
         plan = {k: v for k, v in table_of(base_scene, "campaign").items() if k not in ("refined_runs", "target_cov")}
@@ -104,25 +106,25 @@ def campaigns_of(scene: Source | str | Path) -> list[Campaign]:
     """
     source = source_of(scene)
     if "sweep" in source.tables or SCENARIO in source.tables:
-        return [parse(each.source) for each in variants(source)]
+        return [parse(variant.source) for variant in variants(source)]
     return [parse(source)]
 
 
-def _is_default(each: Varied, source: Source) -> bool:
+def _is_default(point: Varied, source: Source) -> bool:
     """Whether a variant gives a key what the scene leaves at its default."""
-    ((path, value), *more) = each.changes.items()
+    ((path, value), *more) = point.changes.items()
     return not more and path_of(source.tables, path).value(source.tables) == value
 
 
-def _by_path(each: Varied, source: Source) -> Variant:
+def _by_path(point: Varied, source: Source) -> Variant:
     """The campaign of a variant; ValueError where its scene refuses the value."""
-    varied = _source(each.tables, source)
+    varied = _source(point.tables, source)
     try:
         parse(varied)
     except ValueError as error:
-        raise ValueError(f"{each.parameter} = {each.value}: {error}") from error
-    first = tuple(path.partition(".")[0] for path in each.changes)
-    return Variant(each.folder, varied, ((each.parameter, each.value),), first)
+        raise ValueError(f"{point.parameter} = {point.value}: {error}") from error
+    first = tuple(path.partition(".")[0] for path in point.changes)
+    return Variant(point.folder, varied, ((point.parameter, point.value),), first)
 
 
 def _source(tables: Mapping[str, object], of: Source) -> Source:
@@ -163,15 +165,15 @@ def with_measured_of_base(part: Variant, folder: Path) -> Source:
     if part.name == BASE:
         return part.source
     there = stored_measured(folder / "campaigns" / BASE)
-    given: dict[str, object] = {}
+    stored: dict[str, object] = {}
     if (
         campaign.plan.calibrate
         and campaign.measured.calibration is None
         and not set(part.changes) & {*GRIDS, *known.SITES}
     ):
         assert there.calibration is not None
-        given["calibration"] = asdict(there.calibration)
+        stored["calibration"] = asdict(there.calibration)
     if part.changes and campaign.run.failure == "limit load" and campaign.measured.limit_load is None:
         assert there.limit_load is not None
-        given["limit_load"] = asdict(there.limit_load)
-    return _source({**part.source.tables, **given}, part.source) if given else part.source
+        stored["limit_load"] = asdict(there.limit_load)
+    return _source({**part.source.tables, **stored}, part.source) if stored else part.source

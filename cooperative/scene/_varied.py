@@ -166,11 +166,11 @@ def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) ->
     """Position in a list of tables that the next keys name, and the keys after these; names may have dots."""
     entries = tables_of(scene, key)
     for count in range(len(left), 0, -1):
-        asked = ".".join(left[:count])
-        named = [at for at, each in enumerate(entries) if each.get("name") == asked]
+        name_there = ".".join(left[:count])
+        named = [at for at, entry in enumerate(entries) if entry.get("name") == name_there]
         if len(named) > 1:
             numbers = " or ".join(f"{key}.{at + 1}" for at in named)
-            raise ValueError(f"{shown(name)}: {len(named)} tables have the name {shown(asked)}: give {numbers}")
+            raise ValueError(f"{shown(name)}: {len(named)} tables have the name {shown(name_there)}: give {numbers}")
         if named:
             return named[0], left[count:]
     if left[0].isdigit() and 1 <= int(left[0]) <= len(entries):
@@ -179,8 +179,8 @@ def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) ->
 
 
 def _unknown(scene: Mapping[str, object], name: str) -> ValueError:
-    known = [*_all_paths(scene), *tables.keys(tables.Sweep)]
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+    paths = [*_all_paths(scene), *tables.keys(tables.Sweep)]
+    close = difflib.get_close_matches(name, paths, n=1, cutoff=0.4)
     nearest = f" (did you mean {shown(close[0])}?)" if close else ""
     return ValueError(f"{shown(name)} is no key of this scene{nearest}: see docs/scenes.md for all keys")
 
@@ -192,7 +192,7 @@ def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
         if name in FIXED or table is None:
             continue
         several = isinstance(scene.get(name), list)
-        entries = [f"{name}.{each.get('name', number)}" for number, each in enumerate(tables_of(scene, name), 1)]
+        entries = [f"{name}.{entry.get('name', number)}" for number, entry in enumerate(tables_of(scene, name), 1)]
         for prefix in entries if several else [name]:
             yield from _paths(table, prefix)
 
@@ -277,7 +277,7 @@ def base_of(scene: Mapping[str, object]) -> dict[str, object]:
     Args:
         scene: its tables.
     """
-    return {name: each for name, each in scene.items() if name not in ("sweep", SCENARIO)}
+    return {name: value for name, value in scene.items() if name not in ("sweep", SCENARIO)}
 
 
 def _variant(

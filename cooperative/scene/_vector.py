@@ -113,7 +113,7 @@ def read_features(path: Path, layer: str | None) -> tuple[list[Feature], str | N
     if read.projection is not None:
         refuse_unmetric(str(path), read.projection)
     features = list(_features(path, read.rows))
-    if not 0 < sum(len(each["points"]) for each in features) <= MOST_POINTS or len(features) > MOST_FEATURES:
+    if not 0 < sum(len(feature["points"]) for feature in features) <= MOST_POINTS or len(features) > MOST_FEATURES:
         raise ValueError(
             f"{path} has no features, or more than {MOST_POINTS} points: give the few that the scene needs"
         )
@@ -187,8 +187,8 @@ def _database(data: bytes) -> sqlite3.Connection:
 
 def _layer(path: Path, database: sqlite3.Connection, asked: str | None) -> _Layer:
     """A layer in a plain table: a view, or a virtual table, is a program of whoever wrote it."""
-    own = database.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0")
-    plain = {name for (name,) in islice(own, MOST_FEATURES)}
+    tables = database.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0")
+    plain = {name for (name,) in islice(tables, MOST_FEATURES)}
     if not plain >= {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}:
         raise ValueError(f"{path} is an SQLite database, and no GeoPackage: export the features as a GeoPackage")
     holds = islice(database.execute("SELECT table_name, data_type FROM gpkg_contents"), MOST_FEATURES)
@@ -215,7 +215,7 @@ def _kind(kind: str, plain: bool) -> str:
 def _rows(path: Path, database: sqlite3.Connection, table: str, column: str) -> list[Row]:
     quoted, rows, size = table.replace('"', '""'), list[Row](), 0
     found = database.execute(f'SELECT * FROM "{quoted}"')
-    names = [str(each[0]) for each in found.description]
+    names = [str(column[0]) for column in found.description]
     if column not in names:
         raise ValueError(f"{path}: {shown(table)} has no column {shown(column)} of geometry: it is damaged")
     for row in islice(found, MOST_FEATURES + 1):
@@ -260,8 +260,8 @@ def _projection(path: Path, database: sqlite3.Connection, srs: object) -> str | 
         return None
     if srs == 0:
         raise ValueError(f"{path} is in degrees: {METRES}")
-    asked = "SELECT organization, organization_coordsys_id, definition FROM gpkg_spatial_ref_sys WHERE srs_id = ?"
-    organization, code, definition = database.execute(asked, (srs,)).fetchone() or ("", srs, "undefined")
+    query = "SELECT organization, organization_coordsys_id, definition FROM gpkg_spatial_ref_sys WHERE srs_id = ?"
+    organization, code, definition = database.execute(query, (srs,)).fetchone() or ("", srs, "undefined")
     return f"EPSG:{code}" if str(organization).upper() == "EPSG" else str(definition)
 
 
@@ -287,7 +287,7 @@ def _shapefile(path: Path, data: bytes) -> _Layer:
 
 def _beside(path: Path, ending: str) -> bytes | None:
     """Bytes of the file that has this ending and otherwise the name of a shapefile; None without one."""
-    other = next((each for end in (ending, ending.upper()) if os.path.lexists(each := path.with_suffix(end))), None)
+    other = next((beside for end in (ending, ending.upper()) if os.path.lexists(beside := path.with_suffix(end))), None)
     return None if other is None else files.read_given(other, MOST_BYTES)
 
 
@@ -312,9 +312,12 @@ def _geojson(path: Path, data: bytes) -> _Layer:
     try:
         content = json.loads(data)
         kind = content.get("type")
-        given = content["features"] if kind == "FeatureCollection" else [content]
-        given = [{"geometry": each} if each.get("type") in KINDS else each for each in given]
-        rows = [(dict(each.get("properties") or {}), _of_json(each["geometry"])) for each in given[: MOST_FEATURES + 1]]
+        features = content["features"] if kind == "FeatureCollection" else [content]
+        features = [{"geometry": feature} if feature.get("type") in KINDS else feature for feature in features]
+        rows = [
+            (dict(feature.get("properties") or {}), _of_json(feature["geometry"]))
+            for feature in features[: MOST_FEATURES + 1]
+        ]
         system = content.get("crs")
         name = None if system is None else str(system["properties"]["name"])
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError, shapely.errors.ShapelyError) as error:

@@ -54,12 +54,12 @@ def _offered() -> dict[str, type | FunctionType]:
     }
     parts = (kind for kind in vars(tables).values() if isinstance(kind, type) and issubclass(kind, tables.Part))
     offered |= {f"cooperative.{kind.__name__}": kind for kind in (Site, SiteLayer, *parts)}
-    return {name: each for name, each in offered.items() if isinstance(each, type) or _is_pure(each)}
+    return {name: value for name, value in offered.items() if isinstance(value, type) or _is_pure(value)}
 
 
-def _is_pure(each: object) -> bool:
+def _is_pure(value: object) -> bool:
     """Whether this is a function that opens no file: a folder of somebody else chooses what is called."""
-    return isinstance(each, FunctionType) and "path" not in inspect.signature(each).parameters
+    return isinstance(value, FunctionType) and "path" not in inspect.signature(value).parameters
 
 
 OF_THE_FOLDER = ("measured", "raised", "source")
@@ -137,9 +137,9 @@ def in_words(value: object, where: str = "campaign") -> object:
         array = np.asarray(value)
         return {"array": as_text(array), "dtype": array.dtype.str, "shape": list(array.shape)}
     if isinstance(value, list | tuple):
-        return [in_words(each, f"{where}[{number}]") for number, each in enumerate(value)]
+        return [in_words(item, f"{where}[{number}]") for number, item in enumerate(value)]
     if isinstance(value, Mapping):
-        return {str(name): in_words(each, f"{where}.{name}") for name, each in value.items()}
+        return {str(name): in_words(item, f"{where}.{name}") for name, item in value.items()}
     names = {id(offered): name for name, offered in _offered().items()}
     if isinstance(value, type | FunctionType):
         return {"offered": names[id(value)]} if id(value) in names else {"own class": _name_of(value)}
@@ -147,15 +147,15 @@ def in_words(value: object, where: str = "campaign") -> object:
     if isinstance(value, enum.Enum) and kind is not None:
         return {"class": kind, "member": value.name}
     if dataclasses.is_dataclass(value):
-        held = {each.name: getattr(value, each.name) for each in dataclasses.fields(value) if each.init}
+        attributes = {part.name: getattr(value, part.name) for part in dataclasses.fields(value) if part.init}
     elif kind is None and any(isinstance(method, FunctionType) for method in vars(type(value)).values()):
-        held = vars(value)
+        attributes = vars(value)
     else:
         raise ValueError(
             f"{where} is {short(repr(value), 200)}, which has no words: a campaign's folder keeps numbers, texts, "
             "arrays, functions and dataclasses of these"
         )
-    fields = {name: in_words(each, f"{where}.{name}") for name, each in held.items()}
+    fields = {name: in_words(item, f"{where}.{name}") for name, item in attributes.items()}
     if kind is not None:
         return {"class": kind, **fields}
     return {"own class": _name_of(type(value)), "fields": fields}
@@ -209,11 +209,11 @@ def of_words(words: object, what: str) -> Any:
         ValueError: words that `in_words` does not give, or that name what the packages do not offer.
     """
     if isinstance(words, list):
-        return tuple(of_words(each, what) for each in words)
+        return tuple(of_words(item, what) for item in words)
     if not isinstance(words, dict):
         return words
     if "own class" in words and "class" not in words:
-        fields = ", ".join(f"{name}={short(json.dumps(each), 60)}" for name, each in words.get("fields", {}).items())
+        fields = ", ".join(f"{name}={short(json.dumps(item), 60)}" for name, item in words.get("fields", {}).items())
         return tables.FromScript(what, f"{words['own class']}({fields})" if "fields" in words else words["own class"])
     if words.keys() == {"number"}:
         return float(words["number"])
@@ -221,7 +221,7 @@ def of_words(words: object, what: str) -> Any:
         return from_text(words["array"], words["dtype"], tuple(words["shape"]))
     named = words.get("class", words.get("offered"))
     if named is None:
-        return {name: of_words(each, what) for name, each in words.items()}
+        return {name: of_words(item, what) for name, item in words.items()}
     offered = _offered().get(named)
     if offered is None:
         raise ValueError(f"{what} holds {short(str(named), 200)}, which this version does not have")
@@ -231,4 +231,4 @@ def of_words(words: object, what: str) -> Any:
         return offered[words["member"]]
     if not dataclasses.is_dataclass(offered):
         raise ValueError(f"{what} holds {short(str(named), 200)}, which holds nothing")
-    return offered(**{name: of_words(each, what) for name, each in words.items() if name != "class"})
+    return offered(**{name: of_words(item, what) for name, item in words.items() if name != "class"})

@@ -102,8 +102,8 @@ class Grid(Part):
             soil: of the campaign.
             endless: whether the ground has ends that are tied or free fields, over which nothing is averaged.
         """
-        given = {part.name: getattr(self, part.name) for part in fields(self)}
-        values = {"cfl": cfl} | {name: value for name, value in given.items() if value is not None}
+        choices = {part.name: getattr(self, part.name) for part in fields(self)}
+        values = {"cfl": cfl} | {name: value for name, value in choices.items() if value is not None}
         if self.internal_length == "none" or (endless and self.internal_length is None):
             values["internal_length"] = None
         if "fbar" in values:

@@ -76,7 +76,7 @@ class Part:
     @classmethod
     def _plain(cls, value: object) -> object:
         value = plain(value)
-        if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in leaves(value)):
+        if any(isinstance(leaf, int) and not -(2**63) <= leaf < 2**63 for leaf in leaves(value)):
             raise Invalid((), None, "is a whole number beyond 64 bits", "give a smaller one")
         return value
 
@@ -136,14 +136,14 @@ def plain(value: object) -> object:
     """A value without numbers and arrays of NumPy, which become plain ones."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
-    return [plain(each) for each in value] if isinstance(value, list | tuple) else value
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def leaves(value: object) -> Iterator[object]:
     """What lists hold that are no lists."""
     if isinstance(value, list):
-        for each in value:
-            yield from leaves(each)
+        for item in value:
+            yield from leaves(item)
     else:
         yield value
 
@@ -209,7 +209,7 @@ def one_of(choices: Mapping[str, object], others: type | None = None) -> PlainVa
     def chosen(value: object) -> object:
         if isinstance(value, list):
             value = tuple(value)
-        if any(value is each or value == each for each in choices.values()) or isinstance(value, allowed):
+        if any(value is choice or value == choice for choice in choices.values()) or isinstance(value, allowed):
             return value
         if not isinstance(value, str) or value not in choices:
             raise PydanticCustomError("choice", "no choice")
@@ -370,9 +370,9 @@ def of_features(given: Any, name: str | None = None, *, holes: bool = False) -> 
     """
     if not given or not isinstance(given[0], dict):
         return given
-    chosen = [each for each in given if name is not None and each["name"] == name] if len(given) > 1 else given
+    chosen = [part for part in given if name is not None and part["name"] == name] if len(given) > 1 else given
     if len(chosen) != 1:
-        names = ", ".join(shown(each["name"]) for each in given[:8])
+        names = ", ".join(shown(part["name"]) for part in given[:8])
         needs = "one feature is needed" if name is None else f"{len(chosen)} are called {shown(name)} in a column name"
         raise Invalid(
             (), None, f"names a layer that has {len(given)} features ({names}), and {needs}", "give the layer of one"

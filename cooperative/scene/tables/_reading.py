@@ -187,7 +187,9 @@ def _faults(table: type[Part], values: object, where: str, error: ValidationErro
             if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
                 several = broken.faults if isinstance(broken, Faults) else ()
                 of = f"{entry}: " if entry.key else ""
-                wrong[*entry.path, entry.key] = [f"{of}{each}" for each in several] or [_wrong(entry, fault)]
+                wrong[*entry.path, entry.key] = [f"{of}{fault_of_part}" for fault_of_part in several] or [
+                    _wrong(entry, fault)
+                ]
     if of_scene:
         lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
     lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
@@ -309,8 +311,8 @@ def parts(field: FieldInfo) -> Iterator[object]:
 
     def inside(annotation: object) -> Iterator[object]:
         yield annotation
-        for each in get_args(annotation):
-            yield from inside(each)
+        for part in get_args(annotation):
+            yield from inside(part)
 
     yield from inside(field.annotation)
     yield from field.metadata
@@ -318,7 +320,7 @@ def parts(field: FieldInfo) -> Iterator[object]:
 
 def table_in(field: FieldInfo) -> type[Part] | None:
     """The table that a key may hold."""
-    return next((each for each in parts(field) if isinstance(each, type) and issubclass(each, Part)), None)
+    return next((part for part in parts(field) if isinstance(part, type) and issubclass(part, Part)), None)
 
 
 def first_entry(schema: object, name: str, otherwise: T) -> T:
@@ -329,7 +331,7 @@ def first_entry(schema: object, name: str, otherwise: T) -> T:
             return entry
         schema = list(schema.values())
     within = schema if isinstance(schema, list) else []
-    return next(filter(None, (first_entry(each, name, otherwise) for each in within)), otherwise)
+    return next(filter(None, (first_entry(part, name, otherwise) for part in within)), otherwise)
 
 
 def wanted(schema: Schema, *, ends: bool = True) -> str:
@@ -342,7 +344,7 @@ def wanted(schema: Schema, *, ends: bool = True) -> str:
     if "allowed" in schema:
         return str(schema["allowed"])
     if others := schema.get("oneOf", schema.get("anyOf")):
-        return ", or ".join(wanted(each, ends=ends) for each in others)
+        return ", or ".join(wanted(part, ends=ends) for part in others)
     if "enum" in schema:
         return f"one of {', '.join(map(repr, schema['enum']))}"
     if "const" in schema:

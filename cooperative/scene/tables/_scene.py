@@ -113,9 +113,9 @@ class Scene(Part):
     @validates(mode="after")
     def _one_ground(self) -> Self:
         """A scene has one ground, and tables that this ground has."""
-        given = [name for name in SITES if getattr(self, name) is not None]
-        if len(given) != 1:
-            has = f"has both {' and '.join(f'[{name}]' for name in given)}" if given else "has no ground"
+        sites = [name for name in SITES if getattr(self, name) is not None]
+        if len(sites) != 1:
+            has = f"has both {' and '.join(f'[{name}]' for name in sites)}" if sites else "has no ground"
             raise Invalid((), None, has, f"give one of {', '.join(f'[{name}]' for name in SITES)}")
         for number, layer in enumerate(self.layer):
             if isinstance(layer.top, tuple) and self.ground is None:
@@ -124,7 +124,7 @@ class Scene(Part):
         other = "table" if self.ground is None else "raster"
         if self.water is not None and getattr(self.water, other) is not None:
             remedy = "give level, depth, r_u or " + {"table": "raster", "raster": "table"}[other]
-            raise Invalid(("water", other), None, f"is not for a scene with [{given[0]}]", remedy)
+            raise Invalid(("water", other), None, f"is not for a scene with [{sites[0]}]", remedy)
         for name in ("layer", "water"):
             if getattr(self, name) and self.slope is not None:
                 raise Invalid(

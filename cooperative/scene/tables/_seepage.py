@@ -125,9 +125,9 @@ class InTime(GroupedMetadata):
             value = info.context.series(value, self.file)
         if not isinstance(value, list | tuple):
             return ((0.0, self._one(value)),)
-        if not value or any(not isinstance(each, list | tuple) or len(each) != 2 for each in value):
+        if not value or any(not isinstance(item, list | tuple) or len(item) != 2 for item in value):
             raise Invalid((), shown(value), "", f"give {self.what}")
-        series = tuple((_read(t, "s", 'times in s, or texts such as "12 h"'), self._one(each)) for t, each in value)
+        series = tuple((_read(t, "s", 'times in s, or texts such as "12 h"'), self._one(item)) for t, item in value)
         for number, ((before, _), (after, _)) in enumerate(pairwise(series), 2):
             if after <= before:
                 raise Invalid(
@@ -324,13 +324,13 @@ class Seepage(Part):
     @validates(mode="after")
     def _one_source(self) -> Self:
         if self.pressure is not None:
-            given = [
+            sources = [
                 name for name in ("rate", "level", "initial_rate", "left", "right") if getattr(self, name) is not None
             ]
-            given += ["drains"] if self.drains else []
-            if given and given != ["level"]:
+            sources += ["drains"] if self.drains else []
+            if sources and sources != ["level"]:
                 raise Invalid(
-                    (given[0],), None, "has no effect beside pressure, which another program has computed",
+                    (sources[0],), None, "has no effect beside pressure, which another program has computed",
                     "leave one of them out",
                 )  # fmt: skip
         return self

@@ -23,7 +23,7 @@ class Calibration(Part):
     @classmethod
     def _without_factor(cls, given: object) -> object:
         """A summary has the factor beside them."""
-        return {name: each for name, each in given.items() if name != "factor"} if isinstance(given, dict) else given
+        return {name: value for name, value in given.items() if name != "factor"} if isinstance(given, dict) else given
 
     @computed_field  # type: ignore[prop-decorator]
     @property
