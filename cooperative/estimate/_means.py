@@ -69,8 +69,7 @@ def chance_of(estimate: Estimate, weight: np.ndarray, happens: np.ndarray) -> Ch
     """
     share, does, shape = _by_slide(weight, happens)
     if not share.size:
-        nothing = np.zeros(shape)
-        return Chances(nothing, nothing, np.full(shape, estimate.interval[1]), nothing.astype(int))
+        return Chances(np.zeros(shape), np.zeros(shape), np.full(shape, estimate.interval[1]), np.zeros(shape, int))
     probability, (least, most) = estimate.probability, estimate.sampling_interval or estimate.interval
     ratio, low, high = _share_limits(share, does, estimate.level)
     value = probability * ratio

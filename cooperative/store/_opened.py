@@ -86,6 +86,7 @@ def open_store(
         _claim_fields(store, check if verify else None)
         for leftover in (*folder.glob(".*.part"), *folder.glob("figures/.*.part")):
             leftover.unlink(missing_ok=True)
+        files.remove_leftovers(folder / "restart")
         return store
     except BaseException:
         if connection is not None:

@@ -128,8 +128,8 @@ def _after_more_runs(campaign: Campaign, phases: Phases) -> MoreRuns:
     # Once the budget is spent the folder may allow more.
     allowed = remaining if budget is None or phases.why_finished else max(budget - len(phases.answers), 0)
     runs = min(MORE, remaining, allowed)
-    # Runs of a wave that is not complete do not count yet.
-    waiting = len(phases.answers) - estimate.refined_runs
+    # Runs of a wave that is not complete do not count yet; samples without a rough result count before they have run.
+    waiting = max(len(phases.answers) - estimate.refined_runs, 0)
 
     def after(more: int) -> float | None:
         if remaining and not estimate.audit_variance:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.statistics import estimators_means as means
-from cooperative.estimate import mean_interval, mean_of, monte_carlo
+from cooperative.estimate import exceedance, mean_interval, mean_of, monte_carlo
 
 positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_size=3, max_size=30).map(np.array)
 
@@ -73,3 +73,11 @@ def test_the_truth_of_the_made_up_campaigns_is_that_of_many_samples():
     failures = beyond[beyond > 0]
     mean = np.exp(2 + means.GROWTH * failures).mean() * np.exp(means.SCATTER**2 / 2)
     assert means.truth(float(np.mean(beyond > 0))) == pytest.approx(mean, rel=0.01)
+
+
+def test_a_curve_of_no_slide_starts_at_the_probability_of_failure():
+    estimate = monte_carlo(np.array([True, False, False, False]))
+    curve = exceedance(estimate, np.zeros(0), np.zeros(0))
+    assert curve.probability[0] == estimate.probability == 0.25
+    assert (curve.low[0], curve.high[0]) == estimate.interval
+    assert set(curve.probability[1:]) == set(curve.low[1:]) == {0.0}

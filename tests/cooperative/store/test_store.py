@@ -361,3 +361,16 @@ def test_a_folder_that_was_killed_as_it_began_is_begun_anew(tmp_path):
     with open_store(tmp_path, SCENE) as store:
         assert store.digest == scene_digest(SCENE)
     assert not (tmp_path / ".campaign.db.123.part").exists()
+
+
+def test_what_a_killed_worker_left_of_a_restart_point_goes(tmp_path):
+    with open_store(tmp_path, SCENE):
+        pass
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    part = tmp_path / "restart" / f".refined-000001.h5.{ended.pid}.part"
+    part.parent.mkdir(exist_ok=True)
+    part.write_bytes(b"half")
+    os.utime(part, (0, 0))
+    with open_store(tmp_path, SCENE):
+        assert not part.exists()
