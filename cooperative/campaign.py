@@ -97,8 +97,8 @@ def run(
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")
     runs.packed(campaign)  # nothing is written for one that cannot be sent
-    runs.check_size(campaign, workers if executor is None else 1)
     check_samples(campaign)
+    runs.check_size(campaign, workers if executor is None else 1)
     pool = None
     if executor is not None or workers > 1:
         make = executor or partial(runs.process_pool, workers)

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from benchmarks.measure import ROOT, Report
 from cooperative.scene import TABLES
-from cooperative.scene.tables import keys
+from cooperative.scene.tables import keys, schema_of
 
 
 def pages() -> list[str]:
@@ -72,7 +72,7 @@ def undocumented_keys() -> list[str]:
         f"[{section}] {key}"
         for section, table in TABLES.items()
         for key in keys(table)
-        if key not in rows.get(section, ())
+        if key not in rows.get(section, ()) and key in schema_of(table)["properties"]
     ]
 
 

@@ -1,6 +1,6 @@
 """Scenes that nobody should write, made from the schema, and how the campaign's command ends on each.
 
-A scene ends well when its campaign begins its first run or calibration, or when it is refused in one line. `tried` asks
+A scene ends well when its campaign begins its first run or calibration, or when it is refused. `tried` asks
 one process after the other, under a limit of memory; a process that dies or hangs is named and replaced. `python -m
 benchmarks.robustness.hostile_scenes` is that process: a scene as JSON in each line of its input, an answer in each of
 its output."""
@@ -212,11 +212,16 @@ def asked(text: str, folder: Path) -> Answer:
         errors.write(traceback.format_exc())
     seconds = time.process_time() - before
     message = _without_warnings(errors.getvalue())
-    if how == "refused" and not (message.startswith("error: ") and message.isprintable()):
+    if how == "refused" and not _in_words(message):
         how = "noise"
     if how == "refused" and any(path for path in out.rglob("*") if path.is_file() and path.name != ".lock"):
         how, message = "noise", f"the scene was refused, and its folder written: {message}"
     return Answer(how, message[-1500:], round(seconds, 2))
+
+
+def _in_words(message: str) -> bool:
+    """Whether a refusal is one line, or a line for each fault, of characters that can be printed."""
+    return message.startswith("error: ") and "Traceback" not in message and all(map(str.isprintable, message.splitlines()))
 
 
 def _without_warnings(message: str) -> str:
@@ -233,7 +238,7 @@ def by_command_line(text: str, folder: Path) -> Answer:
     command = [sys.executable, "-m", "cooperative", "run", str(scene), "--out", str(folder / "refused")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
     message = _without_warnings(done.stderr)
-    well = done.returncode == 2 and message.startswith("error: ") and message.isprintable()
+    well = done.returncode == 2 and _in_words(message)
     return Answer("refused" if well else "traceback", message[-1500:], 0.0)
 
 

@@ -20,7 +20,7 @@ def reshaped(scene: Scene, state: State, shape: Section, heights: ArrayLike) -> 
 
     The uppermost particle of each column takes, or loses, the soil between both surfaces: its volume and mass change,
     as those of a terrain are the parts of their boxes below the surface. The initial stress is solved again, unless
-    there is none. Heights may be traced by `jit`, `grad` and `vmap`.
+    there is none. Heights may be traced.
 
     Args:
         scene: built by `section` of the shape.

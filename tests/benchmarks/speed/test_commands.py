@@ -31,7 +31,7 @@ def test_the_scene_of_a_slope_is_that_slope(case):
     loads = dict(case.loads)
     assert campaign.site.r_u == loads.pop("r_u", None)
     assert campaign.run.k_h == loads.pop("k_h", 0.0)
-    np.testing.assert_equal(np.asarray(campaign.site.water, float), np.asarray(loads.pop("water", None), float))
+    np.testing.assert_equal(np.asarray(campaign.site.water_table, float), np.asarray(loads.pop("water", None), float))
     assert not loads
 
 

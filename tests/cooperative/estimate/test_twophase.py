@@ -239,7 +239,7 @@ def test_nothing_known_and_no_refined_failure_are_noted():
     assert "no wave" in start.notes[0]
     none = two_phase(Population(displacement), answers(np.zeros(500, dtype=bool)), AuditPlan(runs=50))
     assert (none.probability, none.interval[0]) == (0.0, 0.0)
-    assert "no refined run has failed: P_f is 0 so far, and at most 0.08" in none.notes[0]
+    assert "no refined run has failed: P_f is 0 so far, and at most 0.0799 " in none.notes[0]
     assert none.interval[1] > 3 / 500
 
 

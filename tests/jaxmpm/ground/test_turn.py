@@ -109,7 +109,7 @@ def test_a_scene_in_3d_is_drawn_as_a_page(tmp_path, capsys):
 
 def test_without_plotly_a_scene_in_3d_is_drawn_as_a_picture(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(interactive, "installed", lambda: False)
-    monkeypatch.setattr(reporting, "interactive", lambda: False)
+    monkeypatch.setattr(reporting, "installed", lambda: False)
     given = scene(tmp_path)
     assert main(["draw", str(given)]) == 0
     assert capsys.readouterr().out.split() == [str(tmp_path / "mine.png")]

@@ -8,7 +8,7 @@ import pytest
 import jaxmpm as mpm
 import kl
 from cooperative import runs
-from cooperative.scene import RandomField, parse
+from cooperative.scene import RandomField, Water, parse
 from tests.scenes import model_of, tables
 
 WATER = 9810.0
@@ -111,7 +111,7 @@ def test_terrain_takes_the_water_of_a_raster():
     grids = {name: replace(grid, spacing=(*grid.spacing, grid.spacing[0])) for name, grid in grids.items()}
     campaign = replace(
         level,
-        ground=replace(level.site, shape=mpm.Terrain(heights, 0.0), water=water),
+        ground=replace(level.site, shape=mpm.Terrain(heights, 0.0), water=Water(raster=water)),
         random={"strength_ratio": field},
         **grids,
     )
