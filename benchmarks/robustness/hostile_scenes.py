@@ -221,7 +221,8 @@ def asked(text: str, folder: Path) -> Answer:
 
 def _in_words(message: str) -> bool:
     """Whether a refusal is one line, or a line for each fault, of characters that can be printed."""
-    return message.startswith("error: ") and "Traceback" not in message and all(map(str.isprintable, message.splitlines()))
+    printable = all(map(str.isprintable, message.splitlines()))
+    return printable and message.startswith("error: ") and "Traceback" not in message
 
 
 def _without_warnings(message: str) -> str:

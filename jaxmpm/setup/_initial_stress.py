@@ -247,7 +247,7 @@ def settled(scene: Scene, state: State) -> State:
 
     The horizontal stress to start from is K0 times the vertical one: the scene's `k0`, by default nu / (1 - nu). The
     loading adds what the ground's shape asks for, nothing where it is level. Numbers of the soil, the loads and the
-    water may be traced by `jit`, `grad` and `vmap`. A lane that is not balanced then has the status BAD_PARAMETER.
+    water may be traced. A lane that is not balanced then has the status BAD_PARAMETER.
 
     Args:
         scene: to load.

@@ -1,7 +1,7 @@
-"""Set-up under `jit`, `grad` and `vmap`: what JAX is not tracing stays known to the host.
+"""Set-up that JAX traces: what JAX is not tracing stays known to the host.
 
-Within `jit` every operation of JAX makes a traced value, even one of known numbers. Builders look at numbers, such as
-the places of particles, so they work those out at once, while the program is traced.
+Within `jax.jit` every operation of JAX makes a traced value, even one of known numbers. Builders look at numbers, such
+as the places of particles, so they work those out at once, while the program is traced.
 """
 
 from __future__ import annotations

@@ -40,12 +40,14 @@ def test_a_key_counts_as_explained_in_its_own_section_alone(tmp_path, monkeypatc
     assert docs.undocumented_keys() == []
     before, sweep = page.split("## `[sweep]`")
     for row in ("| `depth` | Depth of the water table", "| `cell` | Edge"):
-        assert page.count(row) == 1
+        assert row in before
         before = before.replace(row, row[1:])
     (tmp_path / "docs" / "scenes.md").write_text(f"{before}## `[sweep]`{sweep.replace('| `cov` |', '| cov |')}")
     monkeypatch.setattr(docs, "ROOT", tmp_path)
     assert docs.undocumented_keys() == [
         "[water] depth",
+        "[rain] cell",
+        "[drawdown] cell",
         "[rough] cell",
         "[refined] cell",
         "[coarse] cell",

@@ -22,6 +22,9 @@ FOREIGN = {
     "nvcc": "CUDA's compiler",
     "r_u": "an argument of `section` and `terrain`, which a ground of a user's own may take too",
     "_": "a character",
+    **dict.fromkeys(
+        ("gstools.CovModel", "anis", "len_scale", "rescale", "var", "Gaussian", "Linear"), "a word of GSTools"
+    ),
 }
 
 SPAN = re.compile(r"`([^`\n]+)`")
