@@ -26,6 +26,95 @@ SEVERAL = tuple(
     name for name in TABLES if any(get_origin(part) is list for part in tables.parts(tables.keys(tables.Scene)[name]))
 )
 """Tables of which there may be several: `[[layer]]`."""
+BEGIN = f"""# Scenes: every key
+
+A scene is a TOML file. Lengths are in metres, stresses in Pa, unit weights in N/m3, angles in degrees. x runs along the
+ground, z upwards, from a zero that you choose; z may be negative. `name`, outside all tables, is a title.
+`jaxmpm check` lists the first twenty faults of a scene by table, and how many more there are.
+
+| to give | table | needed |
+|---|---|---|
+| the ground | `[slope]`, `[ground]` (a section that you draw) or `[terrain]` | one of them |
+| layers of `[ground]` or `[terrain]`, from the top down | `[[layer]]` | no |
+| the soil; in layers, what they leave out | `[soil]` | unless every layer gives all of its own |
+| what varies: any parameter as a table with `mean`, `cov` and `length` | `[soil.cohesion]`, `[layer.friction]`; \
+`[strength]` for undrained strength | no |
+| correlation between parameters | `[cross_correlation]` | no |
+| water at rest; rain; a river that falls | `[water]`; `[rain]`; `[drawdown]` | no |
+| an earthquake: pseudo-static; a record | `[run]` `k_h`; `[motion]` | no |
+| the grids, and how samples run on them | `[rough]`, `[refined]`, `[coarse]`; `[run]` | `[rough]`, `[refined]` |
+| how many samples, and the estimate of P_f | `[campaign]` | yes |
+| roads and houses; maps | `[[exposed]]`; `[hazard]` | no |
+| other values of the same scene | `[sweep]`, `[[scenario]]` | no |
+
+`jaxmpm new --kind section` (or `slope`, `terrain`) writes a scene to fill in, and `{SCHEMA.name}` beside it. By the
+first line, `{NAMED.strip()}`, an editor completes keys from it. `python -m cooperative.scene` makes this page
+and [the schema](../cooperative/{SCHEMA.name}) from the tables that read a scene.
+
+## An example
+
+A 15 m cut in sand over clay. Water stands 3 m below the crest, 8 mm/h of rain fall for two days, and a road runs 20 m
+beyond the toe. Cohesion and friction vary and are correlated by -0.4. The numbers of the soils are made up.
+
+```toml
+name = "a cut in sand over clay"
+
+[ground]
+surface = [[0, 15], [20, 15], [42.5, 0], [92, 0]]       # [x, z] from wall to wall
+base = -6.0
+toe = 42.5                                              # run-out counts from here
+
+[[layer]]
+name = "sand"
+bottom = [[0, 7], [32, 7]]                              # ends where it meets the face
+cohesion = {{ mean = 3e3, cov = 0.3 }}                    # length and the rest are those of [soil]
+friction = {{ mean = 34.0, cov = 0.1 }}
+
+[[layer]]
+name = "clay"                                           # down to the base, with the soil of [soil]
+
+[soil]
+unit_weight = 18e3
+saturated_unit_weight = 20e3
+young = 3e7
+poisson = 0.3
+cohesion = {{ mean = 10e3, cov = 0.3, length = [40.0, 2.0] }}
+friction = {{ mean = 24.0, cov = 0.12, length = [40.0, 2.0] }}
+
+[cross_correlation]
+parameters = ["cohesion", "friction"]
+matrix = [[1.0, -0.4], [-0.4, 1.0]]                     # of the Gaussian fields, -0.39 of the parameters
+
+[water]                                                 # at rest before the rain
+table = [[0, 12], [20, 12], [42.5, 0], [92, 0]]
+
+[rain]
+times = ["0 h", "12 h", "24 h", "36 h", "48 h", "72 h"]
+at = "48 h"                                             # the time of `jaxmpm run`
+rate = [["0 h", "8 mm/h"], ["48 h", 0.0]]
+soil = {{ soil_class = "sand" }}
+layer = [{{ name = "clay", soil_class = "clay" }}]
+
+[rough]
+cell = 2.0
+spacing = [1.0, 1.0]
+
+[refined]
+cell = 1.0
+spacing = [0.5, 0.5]
+
+[[exposed]]
+name = "road"
+between = [62.5, 70.5]                                  # x of the scene: toe + 20 m and its width
+
+[campaign]
+samples = 100
+seed = 1
+```
+
+`jaxmpm run` answers for the end of the rain; `jaxmpm seepage FILE --probability` for
+[all its times](walks.md#from-a-hyetograph-to-p_f-against-time).
+"""
 
 
 def json_schema() -> dict[str, object]:
@@ -63,25 +152,17 @@ def _plain_value(value: object) -> object:
 
 def markdown() -> str:
     """docs/scenes.md: every key with unit, default, range and example."""
-    parts = [
-        "# Scenes: every key\n",
-        "A scene is a TOML file. This page is made from the tables that read it (`python -m cooperative.scene`).",
-        f"So is [`{SCHEMA.name}`](../cooperative/{SCHEMA.name}), from which an editor completes keys:",
-        "`jaxmpm new` and `jaxmpm example` write it beside the scene, whose first line is",
-        f"`{NAMED.strip()}`. Lengths are in metres, stresses in Pa. `name`, outside all tables, is a title.",
-        "`jaxmpm check` names all that is wrong with a scene at once, by its tables: the first twenty faults, and how",
-        "many more there are.\n",
-    ]
-    explained: set[type[tables.Part]] = set()
+    parts = [BEGIN]
+    explained: list[object] = []
     for section, table in TABLES.items():
         brackets = 2 if section in SEVERAL else 1
         description = tables.keys(tables.Scene)[section].description
         words = " ".join((description or tables.schema_of(table)["description"]).split())
         parts += [f"## `{'[' * brackets}{section}{']' * brackets}`\n", words + "\n"]
-        if table in explained:
-            continue
-        explained.add(table)
         schema = tables.schema_of(table)
+        if schema["properties"] in explained:
+            continue
+        explained.append(schema["properties"])
         parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
         left_out = tables.keys(tables.Soil) if table is tables.Layer else ()
         parts += [

@@ -61,6 +61,13 @@ def test_scene_in_the_readme_is_the_demos(tmp_path):
     assert parse(tmp_path / "demo.toml") == parse(DEMO)
 
 
+def test_example_of_the_keys_is_sound():
+    (scene,) = docs.blocks("docs/scenes.md", "toml")
+    campaign = parse(scene)
+    assert [layer.name for layer in campaign.site.layers] == ["sand", "clay"]
+    assert campaign.seepage.moment == 48 * 3600
+
+
 def test_gradient_in_the_readme_is_of_the_demos_slope():
     (block,) = docs.blocks("README.md", "python")
     names = {}

@@ -37,9 +37,10 @@ _WALLS = "two numbers, the lower one first"
 
 @table
 class Slope(Part):
-    """A simple slope.
+    """A simple slope, without layers and without water: draw a `[ground]` for these.
 
-    Lengths are multiples of the spacing of both grids.
+    x = 0 is its rear wall, z = 0 its base; the toe lies at x = `crest` + `height` * `run_per_rise`. Lengths are
+    multiples of the spacing of both grids.
     """
 
     crest: Length = key("Length of the level ground above.", 20.0)
@@ -109,10 +110,10 @@ class _OnBase(Part):
 class Ground(_OnBase):
     """Ground that you draw, a section in plane strain, in place of `[slope]`.
 
-    A line is a list of points with rising x, `[[x, z], ...]`, or the name of a file beside the scene. The file is a CSV
-    whose headings name x and z, or a DXF drawing (extra `sections`), each in any unit of length. A drawing has one
-    polyline or pieces that meet, or those in the layer named after `#`, as in `"section.dxf#GROUND"`; a closed outline
-    gives the surface its upper edge. The distance of the walls is a multiple of both cells.
+    The distance of the walls is a multiple of both cells. A line is a list of points with rising x, `[[x, z], ...]`, or
+    the name of a file beside the scene: a CSV whose headings name x and z, or a DXF drawing (extra `sections`), each in
+    any unit of length. A drawing has one polyline or pieces that meet, or those in the layer named after `#`, as in
+    `"section.dxf#GROUND"`; a closed outline gives the surface its upper edge.
     """
 
     surface: Line = key(
@@ -240,10 +241,10 @@ Surface = float | tuple[tuple[float, float], ...] | mpm.Raster
 
 @table
 class Water(Part):
-    """Water in drawn ground (`[ground]`) or a terrain, and above it: one of these keys.
+    """Water at rest in drawn ground (`[ground]`) or a terrain, and above it: one of these keys.
 
-    Where `level` or `table` lies above the ground there is a pool, whose surface is level and whose pressure acts on
-    the ground. A simple `[slope]` takes no water: draw it.
+    `depth` follows the surface, down a face too; for a table some metres below the crest give `table` or `level`.
+    Where these lie above the ground there is a pool, whose surface is level and whose pressure acts on the ground.
     """
 
     level: OrTable[Metres, RandomLevel] | None = key(

@@ -61,7 +61,7 @@ class Hazard(Part):
 
     With this table, or `[[exposed]]`, each refined slide stores, for each column of cells, the largest thickness, the
     largest speed and the arrival of the soil above the surface that was there before, and how far that ground moved.
-    Both keys may be left out.
+    Both keys have defaults.
     """
 
     thresholds: Annotated[tuple[Threshold, ...], Strict(False)] = key(
@@ -90,7 +90,10 @@ class Hazard(Part):
 
 @table
 class Exposed(Part):
-    """An element at risk, which a slide may reach: one table for each, with one of `at`, `between` and `polygon`."""
+    """An element at risk, which a slide may reach: one table for each, with one of `at`, `between` and `polygon`.
+
+    x and y are those of the scene, not counted from the toe.
+    """
 
     name: Annotated[str, plain_name(LONGEST_NAME)] = key(
         "Its name, of which there is one.", "road", allowed=f"text of up to {LONGEST_NAME} characters"

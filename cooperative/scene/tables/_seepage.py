@@ -373,8 +373,12 @@ class Seepage(Part):
 class Rain(Seepage):
     """Rain that soaks into the ground, see [water that moves](seepage.md#in-a-scene).
 
-    At a time the slope rests under the pore pressure of that time, and is then asked whether it stands. A text holds
-    a unit, such as "14 mm/h", "12 h" or "0.9 m/day"; a number is in SI units.
+    At a time the slope rests under the pore pressure of that time, and is then asked whether it stands. The scene has
+    soil with cohesion and friction, in one layer at least. Without `pressure` it also has a state before time 0:
+    `[water]` at rest below the ground, or `initial_rate`. `r_u`, `strength_ratio`, random unit weights and a random
+    `[water.level]` are refused. A layer that `layer` does not name has `soil`; rock that it does not name lets no water
+    through. A layer with a `soil_class` takes no number from `soil`. [Curves of the soil](seepage.md#soil) have their
+    symbols. A text holds a unit, such as "14 mm/h", "12 h" or "0.9 m/day"; a number is in SI units.
     """
 
 

@@ -69,7 +69,7 @@ class Soil(Part):
     """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction.
 
     A parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`.
-    Units are Pa, N/m3 and degrees: a number that looks like kPa or kN/m3 is refused, see `unusual`.
+    A number that looks like kPa or kN/m3 is refused, see `unusual`.
     """
 
     unit_weight: OrTable[Annotated[float, _of("unit_weight")], RandomField] = key(
@@ -229,14 +229,16 @@ class Soil(Part):
 class Layer(Soil):
     """Layers of the drawn ground, one `[[layer]]` each, from the top down.
 
-    The last has no lower boundary. Each may have any key of `[soil]`. A parameter that varies is a table, such as
-    `[layer.strength]`, with `mean`, `cov`, `marginal`, `lower`, `upper`, `trend` and `trend_from`. Keys that a layer
-    leaves out take their values from `[soil]` and `[strength]`. A random field passes through all layers. If a layer
-    gives a `length`, its field stops at its boundaries and is independent of all others; `correlation`, `energy` and
-    `bedding` may then be its own too. Layers may be of different kinds, such as sand with cohesion and friction over
-    clay with a strength over rock. A layer of the other kind than `[soil]` takes only `unit_weight`, `young`, `poisson`
-    and other keys of both kinds from it. Rock needs these three alone. `[soil]` may be left out if every layer gives
-    all of its soil. [A whole example](random-fields.md#in-a-scene) has fill, clay and rock.
+    The last has no lower boundary; all others have one, `bottom`, `raster`, `depth` or `thickness`. A `bottom` that
+    reaches the face of a cut ends at that point; one that goes on through the air is refused. Each layer may have any
+    key of `[soil]`, and takes what it leaves out from `[soil]` and `[strength]`. A parameter that varies is a table,
+    such as `[layer.strength]`. With `mean`, `cov`, `marginal`, `lower`, `upper`, `trend` and `trend_from` alone, the
+    layer has its own distribution of the field that passes through all layers; the parameter then varies in `[soil]`
+    too. With a `length`, its field stops at its boundaries and is independent of all others; `correlation`, `energy`
+    and `bedding` may then be its own too. Layers may be of different kinds, such as sand with cohesion and friction
+    over clay with a strength over rock. A layer of the other kind than `[soil]` takes only keys of both kinds from it,
+    such as `unit_weight`, `young` and `poisson`. Rock needs these three alone.
+    [Another example](random-fields.md#in-a-scene) has fill, clay and rock, without `[soil]`.
     """
 
     name: Annotated[str, plain_name(LONGEST_NAME)] | None = key(

@@ -111,8 +111,8 @@ class Bedding(Part):
 class RandomField(Part):
     """The random field of undrained shear strength, in short for `[soil.strength]`.
 
-    Every parameter that varies has these keys, in its own unit. Values within 4 standard deviations must be physically
-    possible.
+    Every parameter that varies has these keys, in its own unit. Values of the field within 4 standard deviations of its
+    middle must be physically possible.
     """
 
     mean: AboveZero = key(
@@ -345,7 +345,9 @@ class RandomField(Part):
 class CrossCorrelation(Part):
     """Parameters that vary together; those that no such table names vary independently.
 
-    They need the same `length`, `correlation`, `bedding`, `energy` and `nataf`.
+    They need the same `length`, `correlation`, `bedding`, `energy` and `nataf`. The matrix is
+    that of the Gaussian fields; with `nataf`, that of the parameters themselves, for which a layer with a distribution
+    of its own gives a `length` too. A layer gives a `length` to all of the parameters or to none.
     """
 
     parameters: Several[Text] = key(
