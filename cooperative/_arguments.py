@@ -179,7 +179,10 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
         help="run the scene's samples too: the probability of failure by each time",
     )
     moving.add_argument(
-        "--refined-runs", type=int, metavar="SAMPLES", help="samples that run refined too (a fifth of them, at least 20; 0 for none)"
+        "--refined-runs",
+        type=int,
+        metavar="SAMPLES",
+        help="samples that run refined too (a fifth of them, at least 20; 0 for none)",
     )
     moving.add_argument("--workers", type=int, help="samples to run at a time (one on each core)")
     moving.add_argument("--out", type=Path, help="folder for its files (SCENE-seepage)")
