@@ -193,7 +193,7 @@ class PlanAndEstimator(Plan):
     )  # fmt: skip
     target_cov: Annotated[float, Within(Limit(above=0, below=1))] | None = key(
         "Coefficient of variation of the estimate at which to stop. It allows for failures that may hide among low "
-        "ranks, which takes 40 to 60 % more runs, see "
+        "ranks, which takes 30 to 60 % more runs, see "
         "[when it stops](report.md#what-the-controller-does-and-when-it-stops).",
         0.2,
         None,
