@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jaxmpm.support import check
-from jaxmpm.support.table import LENGTHS, Table, number, plain_unit, read_table
+from jaxmpm.support.table import LENGTHS, Table, measured, number, plain_unit, read_table
 from jaxmpm.support.text import printable, shown
 
 Values = npt.NDArray[np.float64]
@@ -36,13 +36,6 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )  # fmt: skip
 """What a number in each unit is multiplied by to be in SI units, angles in degrees."""
-VOIDS = tuple(
-    -float(digits) for digits in ("999", "999.25", "999.9", "999.99", "9999", "9999.9", "9999.99", "99999", "999999",
-    "9999999")
-)  # fmt: skip
-"""What instruments and programs write where nothing was measured, whether their file declares it or not."""
-LARGEST = 1e20
-"""Size from which on a number is a void: -3.4e38 of single precision, 1e30."""
 POSITION = {
     "name": ("", ("name", "sounding", "id", "test", "location", "loca_id")),
     "x": ("length", ("x", "easting", "distance", "chainage")),
@@ -139,12 +132,10 @@ def numbers(where: str, cells: Iterable[str], void: float = math.nan) -> Values:
         Numbers (n,), nan in empty cells, void codes and text.
     """
     cells = list(cells)
-    values = np.array([number(cell) for cell in cells], float)
-    if bad := sum(cell.strip() != "" for cell in cells) - int(np.isfinite(values).sum()):
+    finite = sum(math.isfinite(number(cell)) for cell in cells)
+    if bad := sum(cell.strip() != "" for cell in cells) - finite:
         check.warn(f"{where}: {bad} cells are no number and count as gaps: correct or empty them")
-    voids = [*VOIDS, *([] if math.isnan(void) else [void])]
-    empty = np.isclose(values[:, None], voids, rtol=1e-6, atol=1e-9).any(axis=1) | (np.abs(values) >= LARGEST)
-    return np.where(empty, math.nan, values)
+    return np.array([measured(cell, void) for cell in cells], float)
 
 
 def known_names(columns: Columns) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmpm.support import check, files
 from jaxmpm.support.extras import extra
-from jaxmpm.support.table import LENGTHS, Table, number, read_table, scale_of, table_of
+from jaxmpm.support.table import LENGTHS, Table, measured, number, read_table, scale_of, table_of
 from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def _listed(path: Path) -> np.ndarray:
     columns, scales = _columns(table)
     points = np.empty((len(table.rows), 2))
     for k, (line, row) in enumerate(zip(table.lines, table.rows, strict=True)):
-        points[k] = [number(row[column]) * scale for column, scale in zip(columns, scales, strict=True)]
+        points[k] = np.array([number(row[columns[0]]), measured(row[columns[1]])]) * scales
         if not np.isfinite(points[k]).all():
             raise ValueError(
                 f"{path}, line {line} has {', '.join(shown(row[column]) for column in columns)}: give x and z, two "

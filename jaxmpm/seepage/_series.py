@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from jaxmpm.support.table import LENGTHS, number, plain_unit, read_table
+from jaxmpm.support.table import LENGTHS, measured, number, plain_unit, read_table
 from jaxmpm.support.text import shown
 
 TIMES = {
@@ -85,7 +86,7 @@ def quantity(where: str, value: str | float, units: Mapping[str, float]) -> floa
     return float(match[1]) * in_unit(f"{where} = {shown(value)}", match[2], units)
 
 
-TIME = ("t", "time")
+TIME = ("t", "time", "date", "datetime", "timestamp")
 RATE = ("rain", "rate", "intensity", "precipitation", "rainfall")
 LEVEL = ("level", "z", "elevation", "water_level", "stage")
 
@@ -93,7 +94,7 @@ LEVEL = ("level", "z", "elevation", "water_level", "stage")
 def read_hyetograph(path: str | Path) -> tuple[list[float], list[float]]:
     """Read rain in time: columns t and rain, each with its unit in brackets.
 
-    A rate holds until the next time.
+    A rate holds until the next time. Times may be dates as "2026-11-01 06:00", which count from the first row.
 
     Args:
         path: of the file.
@@ -134,18 +135,22 @@ def _read(
     if not table.header or not table.rows:
         raise ValueError(f"{path} has no row of {'values' if table.header else 'headings'}: give {shape}")
     columns = []
-    for known, of in ((TIME, TIMES), (words, units)):
+    for known, of, read in ((TIME, TIMES, number), (words, units, measured)):
         found = [k for k, word in enumerate(table.names) if word.strip().lower().replace(" ", "_") in known]
         if len(found) != 1:
-            raise ValueError(f"{path} has {len(found)} columns of {known[-1] if known is TIME else name}: give {shape}")
+            raise ValueError(f"{path} has {len(found)} columns of {'time' if known is TIME else name}: give {shape}")
         unit = table.units[found[0]]
         if name == "rain" and of is units and unit is not None and plain_unit(unit) in LENGTHS:
             raise ValueError(
                 f"{path}: the column {shown(table.names[found[0]])} has depths in {unit}: divide each by the time to "
                 "the next row, and name it rain [mm/h]"
             )
+        cells = [row[found[0]] for row in table.rows]
+        if known is TIME and unit is None and (since := _since_first(cells)) is not None:
+            columns.append(since)
+            continue
         scale = in_unit(f"{path}: column {shown(table.names[found[0]])}", unit, of)
-        columns.append(np.array([number(row[found[0]]) for row in table.rows]) * scale)
+        columns.append(np.array([read(cell) for cell in cells]) * scale)
     times, values = columns
     gaps = ~np.isfinite(times + values)
     if gaps.any():
@@ -156,3 +161,12 @@ def _read(
         line = table.lines[int(np.argmax(back)) + 1]
         raise ValueError(f"{path}, line {line}: times do not rise there: give them in order, each once")
     return times.tolist(), values.tolist()
+
+
+def _since_first(cells: list[str]) -> np.ndarray | None:
+    """Seconds from the first of some dates (ISO 8601); None where they are none."""
+    try:
+        moments = [datetime.fromisoformat(cell.strip()) for cell in cells]
+        return np.array([(moment - moments[0]).total_seconds() for moment in moments])
+    except (ValueError, TypeError):  # dates with and without a time zone have no difference
+        return None

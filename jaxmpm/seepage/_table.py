@@ -17,7 +17,7 @@ from jaxmpm.ground import WATER_WEIGHT, Ground, Raster
 from jaxmpm.seepage._cells import cells_under
 from jaxmpm.seepage._series import TIMES, in_unit
 from jaxmpm.support import check
-from jaxmpm.support.table import LENGTHS, Table, number, plain_unit, read_table
+from jaxmpm.support.table import LENGTHS, Table, measured, number, plain_unit, read_table
 from jaxmpm.support.text import shown
 
 Values = NDArray[np.floating]
@@ -418,7 +418,10 @@ def read_heads(path: str | Path, *, unit_weight: float = WATER_WEIGHT) -> Values
         raise ValueError(f"{path} has no column {', '.join(missing)}: give x, z, in 3D y, and the time t")
     if not 0 < len(table.rows) <= MOST_ROWS:
         raise ValueError(f"{path} has {len(table.rows)} rows below its header: give 1 to {MOST_ROWS}")
-    values = {name: np.array([number(row[at]) for row in table.rows]) * scale for name, (at, scale) in columns.items()}
+    values = {
+        name: np.array([(measured if name in QUANTITIES else number)(row[at]) for row in table.rows]) * scale
+        for name, (at, scale) in columns.items()
+    }
     for name, column in values.items():
         if not np.isfinite(column).all():
             line = table.lines[int(np.argmin(np.isfinite(column)))]

@@ -50,6 +50,14 @@ _UNIT = re.compile(r"\s*([^\[(]*?)\s*[\[(]([^\])]*)[\])]\s*")
 _SAMPLE = 200
 """Lines by which the delimiter is recognised."""
 
+VOIDS = tuple(
+    -float(digits) for digits in ("999", "999.25", "999.9", "999.99", "9999", "9999.9", "9999.99", "99999", "999999",
+    "9999999")
+)  # fmt: skip
+"""What instruments and programs write where nothing was measured, whether their file declares it or not."""
+LARGEST = 1e20
+"""Size from which on a number is a void: -3.4e38 of single precision, 1e30."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -153,6 +161,22 @@ def number(text: str) -> float:
         return math.nan
     value = float(text.lower().replace("d", "e"))
     return value if math.isfinite(value) else math.nan
+
+
+def measured(text: str, void: float = math.nan) -> float:
+    """The number of a cell that holds a measured value; nan also where it holds a code for nothing measured.
+
+    Args:
+        text: of the cell, with a point in decimals.
+        void: that the file declares, beside those known here.
+
+    Returns:
+        Number.
+    """
+    value = number(text)
+    # A void of 0 that a file declares is met exactly.
+    missing = any(math.isclose(value, code, rel_tol=1e-6, abs_tol=1e-9) for code in (*VOIDS, void))
+    return math.nan if missing or abs(value) >= LARGEST else value
 
 
 def plain_unit(unit: str) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from pathlib import Path
 
@@ -11,12 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cooperative.reporting import panels, save
-from cooperative.store import write_aside
 from cooperative.tools.in_time._answer import InTime
+from cooperative.tools.seepage import HOUR, csv_text, draw_load, write_texts
 from jaxmpm.support.text import literal
-
-HOUR = 3600.0
-MM_PER_HOUR = 3.6e6
 
 
 def write_in_time(result: InTime, folder: Path) -> list[Path]:
@@ -33,13 +28,12 @@ def write_in_time(result: InTime, folder: Path) -> list[Path]:
         OSError: the disk refuses.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / "probability.png"]
-    save(_figure(result), paths[0])
-    names = ("probability.csv", "first_failures.csv", "probability.json")
-    for name, content in zip(names, (_table(result), _samples(result), _json(result)), strict=True):
-        paths.append(folder / name)
-        write_aside(paths[-1], content.encode())
-    return paths
+    picture = folder / "probability.png"
+    save(_figure(result), picture)
+    texts = {
+        "probability.csv": _table(result), "first_failures.csv": _samples(result), "probability.json": _json(result)
+    }  # fmt: skip
+    return [picture, *write_texts(folder, texts)]
 
 
 def _figure(result: InTime) -> Figure:
@@ -52,27 +46,8 @@ def _figure(result: InTime) -> Figure:
     axes[0].set(ylabel="probability that it has failed", ylim=(0, None))
     axes[0].set_title(literal(result.campaign.name), loc="left")
     axes[0].legend(frameon=False, fontsize="small")
-    table = result.campaign.seepage
-    assert table is not None
-    end = table.times[-1]
-    if table.rate is not None:
-        times, rates = np.array([*table.rate, (max(end, table.rate[-1][0]), table.rate[-1][1])]).T
-        axes[1].step(times / HOUR, rates * MM_PER_HOUR, where="post", color="#0072B2")
-        axes[1].set(ylabel="rain [mm/h]")
-    elif table.level is not None:
-        times = np.linspace(0, end, 200)
-        axes[1].plot(times / HOUR, np.interp(times, *np.array(table.level).T), color="#0072B2")
-        axes[1].set(ylabel="level [m]")
-    axes[1].set(xlabel="time [h]")
-    for ax in axes:
-        ax.set(xlim=(0, end / HOUR))
+    draw_load(axes, result.campaign)
     return figure
-
-
-def _written(head: list[str], rows: list[list[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([head, *rows])
-    return text.getvalue()
 
 
 def _table(result: InTime) -> str:
@@ -80,7 +55,7 @@ def _table(result: InTime) -> str:
         [time, each.probability, *each.interval, each.cov, each.refined_runs]
         for time, each in zip(result.times, result.estimates, strict=True)
     ]
-    return _written(["t [s]", "P_f", "low", "high", "cov", "runs"], rows)
+    return csv_text(["t [s]", "P_f", "low", "high", "cov", "runs"], rows)
 
 
 def _when(result: InTime, first: int) -> object:
@@ -98,7 +73,7 @@ def _samples(result: InTime) -> str:
         for number, first in enumerate(result.rough)
     ]  # fmt: skip
     head = ["sample", "first failure, rough [s]", "first failure, refined [s]"]
-    return _written([*head, *(f"factor at {time:g} s" for time in result.times)], rows)
+    return csv_text([*head, *(f"factor at {time:g} s" for time in result.times)], rows)
 
 
 def _json(result: InTime) -> str:

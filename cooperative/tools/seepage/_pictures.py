@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from cooperative.reporting import panels, save
+from cooperative.scene import Campaign
 from cooperative.store import write_aside
 from cooperative.tools.seepage._answer import HOUR, Moment, Wetted, in_hours
 from jaxmpm.ground import WATER_WEIGHT
@@ -44,14 +46,23 @@ def write_wetted(result: Wetted, folder: Path) -> list[Path]:
     if any(each.factor is not None for each in result.moments):
         paths.append(folder / "factor.png")
         save(_factors(result), paths[-1])
-    for name, content in (
-        ("seepage.csv", _rows(result)),
-        ("heads.csv", _heads(result)),
-        ("seepage.json", _json(result)),
-    ):
-        paths.append(folder / name)
-        write_aside(paths[-1], content.encode())
-    return paths
+    texts = {"seepage.csv": _rows(result), "heads.csv": _heads(result), "seepage.json": _json(result)}
+    return [*paths, *write_texts(folder, texts)]
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Write texts, each whole or not at all.
+
+    Args:
+        folder: to write to.
+        texts: by name of the file.
+
+    Returns:
+        Paths of the files.
+    """
+    for name, text in texts.items():
+        write_aside(folder / name, text.encode())
+    return [folder / name for name in texts]
 
 
 def _middle(result: Wetted, values: np.ndarray) -> np.ndarray:
@@ -115,7 +126,18 @@ def _factors(result: Wetted) -> Figure:
     axes[0].axhline(1.0, color="0.5", lw=0.8, ls=":")
     axes[0].set(ylabel="factor of safety by slices")
     axes[0].set_title(literal(result.campaign.name), loc="left")
-    table = result.campaign.seepage
+    draw_load(axes, result.campaign)
+    return figure
+
+
+def draw_load(axes: Sequence[Axes], campaign: Campaign) -> None:
+    """Draw the rain or the level of a campaign below what is drawn against time.
+
+    Args:
+        axes: two, one below the other.
+        campaign: with water that moves.
+    """
+    table = campaign.seepage
     assert table is not None
     end = table.times[-1]
     if table.rate is not None:
@@ -126,15 +148,20 @@ def _factors(result: Wetted) -> Figure:
         times = np.linspace(0, end, 200)
         axes[1].plot(times / HOUR, np.interp(times, *np.array(table.level).T), color="#0072B2")
         axes[1].set(ylabel="level [m]")
-    axes[1].set(xlabel="time [h]", xlim=(0, end / HOUR))
-    axes[0].set(xlim=(0, end / HOUR))
-    return figure
+    axes[1].set(xlabel="time [h]")
+    for ax in axes:
+        ax.set(xlim=(0, end / HOUR))
 
 
-def _table(head: list[str], rows: list[list[object]]) -> str:
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table as the text of a CSV.
+
+    Args:
+        head: names of its columns.
+        rows: their values.
+    """
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([head, *rows])
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
     return text.getvalue()
 
 
@@ -146,7 +173,7 @@ def _rows(result: Wetted) -> str:
         ]
         for each in result.moments
     ]  # fmt: skip
-    return _table(["t [s]", "rain [mm/h]", "level [m]", "saturated share", "factor of safety"], rows)
+    return csv_text(["t [s]", "rain [mm/h]", "level [m]", "saturated share", "factor of safety"], rows)
 
 
 def _heads(result: Wetted) -> str:
@@ -159,7 +186,7 @@ def _heads(result: Wetted) -> str:
         for moment in result.moments
         for at, head in zip(position.T, moment.head[cells.soil], strict=True)
     ]
-    return _table([*axes, "t [s]", "total head [m]"], rows)
+    return csv_text([*axes, "t [s]", "total head [m]"], rows)
 
 
 def _json(result: Wetted) -> str:

@@ -1,6 +1,7 @@
 """Lines of sections in DXF drawings: the polyline that is chosen, the units, and what is refused."""
 
 import contextlib
+import re
 import sys
 
 import numpy as np
@@ -239,3 +240,13 @@ def test_a_section_in_a_national_grid_asks_for_the_origin_and_takes_it(tmp_path)
     assert shifted.site.shape == parse(LAYERED).site.shape
     assert shifted.site.layers == parse(LAYERED).site.layers
     assert shifted.site.origin == (685000.0, 0.0)
+
+
+@pytest.mark.parametrize("code", ["-9999", "-9999.0", "-999.25", "-3.4e38"])
+def test_a_height_that_stands_for_nothing_measured_is_no_height(code, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"x [m],z [m]\n-999,10\n0,{code}\n20,2\n")
+    with pytest.raises(ValueError, match=rf"line 3 has '0', '{re.escape(code)}': give x and z, two finite numbers"):
+        mpm.read_line(path)
+    path.write_text("x [m],z [m]\n-999,10\n20,2\n")
+    assert mpm.read_line(path)[0] == [-999.0, 10.0]

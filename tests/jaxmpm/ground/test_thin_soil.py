@@ -37,8 +37,8 @@ def scar(dimension, angle, thick, power, *, centre=20.0, half=8.0, cell=1.0):
     return {"surface": rasters[0], "base": -2 * cell, "bedrock": rasters[1]}
 
 
-def rests(dimension, angle, thick, power, soil, sticking, cell=1.0, cfl=0.9, **shape):
-    """Build a scar of strong soil, run it for a fifth of a second, and check that it stays in place."""
+def settled(dimension, angle, thick, power, soil, sticking, cell=1.0, cfl=0.9, **shape):
+    """A scar of strong soil, and how far (cells) its soil moves in a fifth of a second."""
     ground = scar(dimension, angle, thick, power, cell=cell, **shape)
     interface = None if sticking else mpm.Interface(20.0, cohesion=5e5)
     kind, build = (mpm.Section, mpm.section) if dimension == 2 else (mpm.Terrain, mpm.terrain)
@@ -46,18 +46,19 @@ def rests(dimension, angle, thick, power, soil, sticking, cell=1.0, cfl=0.9, **s
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene, state = build(kind(**ground, interface=interface), soil, numerics)
-    assert np.isfinite(np.asarray(state.stress)).all()
     ended = mpm.solve(scene, state, t_end=0.2).raise_if_failed()
-    assert float(jnp.max(jnp.abs(ended.state.displacement))) < 0.02 * cell
-    return scene
+    moved = float(jnp.max(jnp.abs(ended.state.displacement))) / cell
+    return scene, moved if np.isfinite(np.asarray(state.stress)).all() else np.nan
 
 
 def test_clay_on_a_bed_that_it_can_slide_on_rests_where_it_thins_out():
-    rests(2, 33.0, 3.93, 1, CLAY, sticking=False, centre=16.2, half=11.0)
+    _, moved = settled(2, 33.0, 3.93, 1, CLAY, sticking=False, centre=16.2, half=11.0)
+    assert moved < 0.02
 
 
 def test_a_chain_of_single_particles_gets_a_time_step_that_it_is_stable_with():
-    scene = rests(2, 59.0, 2.97, 1, SAND, sticking=False, centre=17.8, half=12.0)
+    scene, moved = settled(2, 59.0, 2.97, 1, SAND, sticking=False, centre=17.8, half=12.0)
+    assert moved < 0.02
     step = float(scene.numerics.time_step)
     assert 1.7 < step * float(highest_frequency(scene)) < 2.0
 
@@ -75,7 +76,8 @@ def test_a_chain_of_single_particles_gets_a_time_step_that_it_is_stable_with():
     half=st.floats(6.0, 14.0),
 )
 def test_soil_that_thins_out_rests_on_steep_and_gentle_bedrock(dimension, angle, thick, power, soil, sticking, **shape):
-    rests(dimension, angle, thick, power, soil, sticking, **shape)
+    _, moved = settled(dimension, angle, thick, power, soil, sticking, **shape)
+    assert moved < 0.02
 
 
 def test_what_cannot_rest_is_named_with_its_place():

@@ -119,6 +119,7 @@ def test_times_beyond_the_table_are_refused():
         ("x,z,t [h],head,pressure [kPa]\n0,0,0,1,1", "has columns of total_head and pressure"),
         ("x,t [h],head\n0,0,1", "has no column z"),
         ("x,z,t [h],head\n0,0,0,1\n1,0,0,\n0,1,0,1", "line 3: total_head is no number"),
+        ("x,z,t [h],head\n0,0,0,1\n1,0,0,-999.0\n0,1,0,1", "line 3: total_head is no number"),
         ("x,z,t [h],head\n0,0,0,1\n0,0,0,2\n0,1,0,1", r"2 heads at \(0, 0\) m and 0 s"),
         ("x,z,t [h],head\n0,0,0,1\n1,1,0,1\n2,2,0,1", "span no area"),
         ("0,0,0,1", "has no row of headings"),
@@ -141,6 +142,14 @@ def test_hyetographs_and_levels_have_units(tmp_path):
     assert read_levels(levels) == ([0, 432000], [8, 2])
 
 
+def test_dates_of_a_gauge_count_from_its_first_row(tmp_path):
+    path = tmp_path / "gauge.csv"
+    path.write_text("Date,Rain [mm/h]\n2026-10-31 23:00,3.6\n2026-11-01 00:30,36\n2026-11-02 00:30,0\n")
+    times, rates = read_hyetograph(path)
+    assert times == [0, 5400, 91800]
+    np.testing.assert_allclose(rates, [1e-6, 1e-5, 0])
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -149,6 +158,9 @@ def test_hyetographs_and_levels_have_units(tmp_path):
         ("t [h],rain [mm]\n0,5\n1,0", "has depths in mm"),
         ("t [h],rain [mm/h]\n0,5\n2,3\n1,0", "line 4: times do not rise"),
         ("t [h],rain [mm/h]\n0,5\n1,\n", "line 3 has a gap"),
+        ("t [h],rain [mm/h]\n0,5\n1,-9999\n2,0", "line 3 has a gap"),
+        ("date,rain [mm/h]\n2026-11-01 00:00,5\n2026-10-31 00:00,0", "line 3: times do not rise"),
+        ("date,rain [mm/h]\n2026-11-01T00:00Z,5\n2026-11-02 00:00,0", "no unit"),
         ("t [h],wind [m/s]\n0,5\n", "has 0 columns of rain"),
     ],
 )

@@ -2,11 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxmpm.support.table import MOST_BYTES, decoded, number, plain_unit, read_table, table_of
+from jaxmpm.support.table import MOST_BYTES, VOIDS, decoded, measured, number, plain_unit, read_table, table_of
 
 NAMES, UNITS = ("x", "depth", "qc"), ("m", "m", "kN/m²")
 ROWS = [(0.25, 10.0, -3.125), (16.0, 1.0, 0.001), (24.5, 1234.5, 7.0)]
@@ -110,3 +111,16 @@ def test_what_is_no_number_is_nan(text):
 def test_numbers_and_units_in_their_usual_forms():
     assert [number(text) for text in ("−5.5", " 1.0D+02 ", ".5", "3.", "+4E-1")] == [-5.5, 100.0, 0.5, 3.0, 0.4]
     assert {plain_unit(text) for text in ("m/s²", "M/S^2", "m / s2")} == {"m/s2"}
+
+
+@given(st.sampled_from(VOIDS), st.sampled_from(["{}", "{:.3f}", " {:e} "]))
+def test_codes_for_nothing_measured_are_no_measured_values(code, form):
+    text = form.format(code)
+    assert number(text) == pytest.approx(code)
+    assert np.isnan(measured(text))
+
+
+@given(st.floats(-998.0, 1e6))
+def test_other_numbers_are_measured_values_unless_their_file_declares_them(value):
+    assert measured(repr(value)) == value
+    assert np.isnan(measured(repr(value), value))
