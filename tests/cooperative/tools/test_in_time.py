@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from cooperative import runs
-from cooperative.scene import Rain, parse
+from cooperative.scene import Rain, parse, rested
 from cooperative.tools.in_time import _answer, lines, probability_in_time, write_in_time
+from cooperative.tools.safety import critical_surface, slices_at_rest
 from tests.cooperative.scene.test_moving_water import LEVEL, scene
 
 HOURS = (0.0, 3600.0, 7200.0, 10800.0)
@@ -133,13 +135,17 @@ def test_fewer_refined_samples_than_an_estimate_takes_are_refused(tmp_path):
 
 @pytest.mark.slow  # two searches for a critical surface
 def test_slices_screen_each_sample_with_its_own_strength(asked, tmp_path):
-    """A factor rises with the cohesion of its sample, and falls with the pressure of its time."""
+    """A factor rises with the cohesion of its sample along the slip, and falls with the pressure of its time."""
     campaign = rising(12)
     result = probability_in_time(campaign, tmp_path, refined_runs=0)
     assert np.isfinite(result.factors).all()
     soil = runs.random_soil(campaign)
     model = runs.build(campaign, "rough", soil, at_rest=False)
-    coefficients = runs.coefficients_of(campaign, soil)
-    cohesion = [float(np.mean(model.parameters(each)["cohesion"])) for each in coefficients]
-    assert np.corrcoef(cohesion, result.factors[:, 0])[0, 1] > 0.8
+    slip = critical_surface(slices_at_rest(rested(campaign, HOURS[0]))).slip.points
+    x = np.linspace(slip[0, 0], slip[-1, 0], 60)
+    points = np.stack([x, np.interp(x, *slip.T)])
+    nearest = cKDTree(np.asarray(model.scene.particles.position).T).query(points.T)[1]
+    samples = runs.coefficients_of(campaign, soil)
+    along = [float(np.mean(np.asarray(model.parameters(sample)["cohesion"])[nearest])) for sample in samples]
+    assert np.corrcoef(along, result.factors[:, 0])[0, 1] > 0.99
     assert np.all(result.factors[:, 2] < result.factors[:, 0])

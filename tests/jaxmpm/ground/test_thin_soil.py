@@ -15,6 +15,8 @@ from jaxmpm.setup._stable import highest_frequency
 
 SAND = mpm.FrictionalSoil(5e5, 30.0, young=1e8, unusual=True)
 CLAY = mpm.Soil(strength=5e5, young=1e8, unusual=True)
+STEEPEST = 55.0
+"""Slope (degrees) of a bed up to which a contact that its cohesion holds does not creep."""
 
 
 def scar(dimension, angle, thick, power, *, centre=20.0, half=8.0, cell=1.0):
@@ -59,8 +61,14 @@ def test_clay_on_a_bed_that_it_can_slide_on_rests_where_it_thins_out():
 def test_a_chain_of_single_particles_gets_a_time_step_that_it_is_stable_with():
     scene, moved = settled(2, 59.0, 2.97, 1, SAND, sticking=False, centre=17.8, half=12.0)
     assert moved < 0.02
-    step = float(scene.numerics.time_step)
-    assert 1.7 < step * float(highest_frequency(scene)) < 2.0
+    alone, _ = settled(2, 59.0, 2.97, 1, SAND, sticking=False, centre=17.8, half=12.0, cfl=0.5)
+    assert float(scene.numerics.time_step) == pytest.approx(float(alone.numerics.time_step))
+    assert float(scene.numerics.time_step) * float(highest_frequency(scene)) < 1.9
+
+
+def test_a_lens_of_one_cell_keeps_a_stable_step_as_it_moves():
+    _, moved = settled(2, 62.0, 1.0, 1, SAND, sticking=False, centre=15.0, half=7.0)
+    assert moved < 0.02
 
 
 @pytest.mark.slow  # each example compiles programs of its own
@@ -76,7 +84,8 @@ def test_a_chain_of_single_particles_gets_a_time_step_that_it_is_stable_with():
     half=st.floats(6.0, 14.0),
 )
 def test_soil_that_thins_out_rests_on_steep_and_gentle_bedrock(dimension, angle, thick, power, soil, sticking, **shape):
-    _, moved = settled(dimension, angle, thick, power, soil, sticking, **shape)
+    # Steeper beds that soil can slide on let it creep, see the limits in docs/trust.md.
+    _, moved = settled(dimension, angle if sticking else min(angle, STEEPEST), thick, power, soil, sticking, **shape)
     assert moved < 0.02
 
 
