@@ -27,8 +27,8 @@ NEAR = 0.95
 """Share of it from which on a step is shortened, since the frequency is known from below."""
 
 SAFE = 0.5
-"""CFL number up to which a particle alone is stable. Soil thins out in other places as it moves, so that no step between
-this one and that of the frequency at the start is safe."""
+"""CFL number up to which a particle alone is stable. Soil thins out in other places as it moves, so that no step
+between this one and that of the frequency at the start is safe."""
 
 ITERATIONS = 60
 
