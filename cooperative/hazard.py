@@ -96,7 +96,7 @@ def maps_of(results: Results) -> Maps | None:
     plan = results.ground.grids["refined"].columns
     where, beyond = plan.ground, plan.beyond(results.ground.face)
     fields = {name: np.stack([sample.fields[name] for sample in samples])[:, *where] for name in runs.COLUMNS}
-    first = int(np.searchsorted(plan.edges(0)[where[0]], plan.edges(0)[beyond.start]))
+    first, last = (max(at - where[0].start, 0) for at in (beyond.start, beyond.stop))
     cut = results.summary.consequences.cut_off
     weight = results.weight[slid]
     maps, units = _maps(hazard, pf.estimate, weight, fields, cut.t_end)
@@ -111,7 +111,7 @@ def maps_of(results: Results) -> Maps | None:
         edges=tuple(plan.edges(axis)[part.start : part.stop + 1] for axis, part in enumerate(where)),
         maps=maps,
         units=units,
-        beyond=slice(first, None),
+        beyond=slice(first, last),
         slides=slid.size,
         least=hazard.least,
         every=hazard.every,

@@ -134,7 +134,7 @@ def consequences(
     before, now, mass = _mass(position, displacement, volume, sliding, reach)
     if isinstance(geometry, Face):
         depth = geometry.crest_z - (before[-1].min() - half[-1])
-        beyond = np.maximum(now[0] + half[0] - geometry.toe_x, 0.0)
+        beyond = np.maximum(geometry.beyond(now[0]) + half[0], 0.0)
     else:
         depth = (geometry.surface[sliding] - before[-1]).max() + half[-1]
         beyond = np.maximum(_travelled(before, now, volume[sliding], mass, half, geometry.track), 0.0)

@@ -56,7 +56,11 @@ class ColumnPlan:
         Args:
             face: of the slope, None for ground without a toe, all of whose columns count.
         """
-        return slice(0 if face is None else int(np.searchsorted(self.edges(0), face.toe_x - 1e-6)), None)
+        if face is None:
+            return slice(0, self.shape[0])
+        low, high = self.edges(0)[:-1], self.edges(0)[1:]
+        beyond = np.flatnonzero(np.minimum(face.beyond(low), face.beyond(high)) >= -1e-6)
+        return slice(int(beyond[0]), int(beyond[-1]) + 1) if beyond.size else slice(0, 0)
 
     @property
     def ground(self) -> tuple[slice, ...]:

@@ -78,15 +78,20 @@ def reach_of(campaign: Campaign) -> Reach | None:
     shape, site = campaign.site.shape, campaign.site
     if shape.face is None:
         return None
-    behind = shape.face.toe_x - shape.corner[0]
+    face, (low, high) = shape.face, (shape.corner[0], shape.corner[0] + shape.extent[0])
+    rear, end = (low, high) if face.downhill == 1 else (high, low)
+    behind, ground = -float(face.beyond(rear)), float(face.beyond(end))
     x = (np.arange(POINTS) + 0.5) * behind / POINTS
-    plan = [shape.corner[0] + x, *([np.full_like(x, shape.corner[1] + shape.extent[1] / 2)] * (campaign.dimension - 2))]
-    height = np.maximum(shape.heights(*plan) - shape.face.toe_z, 0.0)
+    plan = [
+        rear + face.downhill * x,
+        *([np.full_like(x, shape.corner[1] + shape.extent[1] / 2)] * (campaign.dimension - 2)),
+    ]
+    height = np.maximum(shape.heights(*plan) - face.toe_z, 0.0)
     drained, factor = 1 - (site.r_u or 0.0), campaign.run.strength_factor
     soils = [layer.soil for layer in site.soils(campaign.soil)]
     ways = []
     for soil, by_stress in zip(soils, site.by_stress(campaign.soil) or [None] * len(soils), strict=True):
-        stress = drained * soil.unit_weight * shape.face.height / 2
+        stress = drained * soil.unit_weight * face.height / 2
         peak = None if by_stress is None else max(by_stress.ratio * stress, by_stress.minimum)
         cohesion, friction = _residual(soil, peak)
         if cohesion or friction:
@@ -96,7 +101,6 @@ def reach_of(campaign: Campaign) -> Reach | None:
         residual = factor * contact.residual_ratio
         friction = residual * math.tan(math.radians(contact.friction)) * drained
         ways += [run_out(height, behind, residual * contact.cohesion / soil.unit_weight, friction) for soil in soils]
-    ground = shape.corner[0] + shape.extent[0] - shape.face.toe_x
     return Reach(max(ways), ground) if ways else None
 
 

@@ -120,7 +120,8 @@ def _other_face(campaign: Campaign) -> list[str]:
     shape = campaign.site.shape
     if campaign.dimension == 3 or shape.face is None:
         return []
-    z = shape.heights(np.linspace(shape.corner[0], shape.face.toe_x, 1025))
+    rear = shape.corner[0] if shape.face.downhill == 1 else shape.corner[0] + shape.extent[0]
+    z = shape.heights(np.linspace(rear, shape.face.toe_x, 1025))
     crest = int(np.flatnonzero(z == z.max())[-1])
     fall = float(z[crest] - z[: crest + 1].min())
     if fall < SECOND_FACE * shape.face.height:

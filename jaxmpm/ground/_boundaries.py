@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -126,8 +126,24 @@ def bedrock_of(line: Line | Raster, surface: np.ndarray, walls: tuple[float, flo
     return points
 
 
-def elevation_of_toe(points: np.ndarray, left: float, toe: float, right: float) -> float:
-    """Elevation (m) of the surface, points (n, 2), at its toe (m); ValueError unless it is a foot between the walls."""
+def foot_of(points: np.ndarray, left: float, toe: float, right: float) -> tuple[float, tuple[Literal[1, -1], ...]]:
+    """The foot of a slope at its toe.
+
+    A foot is a point beyond which the surface falls less steeply, along x or against it; one in a valley is that of
+    both sides.
+
+    Args:
+        points: of the surface (n, 2) m.
+        left: wall (m).
+        toe: x of the toe (m).
+        right: wall (m).
+
+    Returns:
+        Elevation (m) of the foot, and the directions along x in which a slope falls to it, 1 or -1.
+
+    Raises:
+        ValueError: no foot is there, between the walls.
+    """
     check.finite("toe", toe, "m")
     if not left < toe < right:
         raise ValueError(
@@ -136,16 +152,19 @@ def elevation_of_toe(points: np.ndarray, left: float, toe: float, right: float) 
         )
     with np.errstate(divide="ignore", invalid="ignore"):
         steep = np.diff(points[:, 1]) / np.diff(points[:, 0])
-    feet = points[1:-1][(steep[:-1] < 0) & (steep[:-1] < steep[1:])]
-    feet = feet[(feet[:, 0] > left) & (feet[:, 0] < right)]
-    apart = np.abs(feet[:, 0] - toe)
-    if not feet.size or apart.min() > FOOT * (right - left):
-        there = ", ".join(f"{x:g}" for x in feet[np.argsort(apart)[:4], 0])
+    inner, before, after = points[1:-1], steep[:-1], steep[1:]
+    feet = (before < after) & ((before < 0) | (after > 0)) & (inner[:, 0] > left) & (inner[:, 0] < right)
+    inner, before, after = inner[feet], before[feet], after[feet]
+    apart = np.abs(inner[:, 0] - toe)
+    if not apart.size or apart.min() > FOOT * (right - left):
+        there = ", ".join(f"{x:g}" for x in inner[np.argsort(apart)[:4], 0])
         raise ValueError(
             f"toe = {toe:g} m is no foot of a slope, a point of the surface beyond which it falls less steeply: "
-            + (f"give x = {there} m" if there else "no slope falls along x, mirror the section")
+            + (f"give x = {there} m" if there else "the surface has none between the walls, leave the toe out")
         )
-    return float(feet[np.argmin(apart), 1])
+    at = int(np.argmin(apart))
+    sides: dict[Literal[1, -1], bool] = {1: before[at] < 0, -1: after[at] > 0}
+    return float(inner[at, 1]), tuple(side for side, falls in sides.items() if falls)
 
 
 def layering(outline: Outline, layers: Sequence[Layer], discretisation: Discretisation) -> list[Height]:

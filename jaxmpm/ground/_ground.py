@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -24,16 +24,22 @@ class Face:
         toe_x: position of its toe (m).
         toe_z: elevation of its toe (m).
         height: from the toe to the crest (m).
+        downhill: direction along x in which it falls to its toe.
     """
 
     toe_x: float
     toe_z: float
     height: float
+    downhill: Literal[1, -1] = 1
 
     @property
     def crest_z(self) -> float:
         """Elevation of the crest (m)."""
         return self.toe_z + self.height
+
+    def beyond(self, x: np.ndarray) -> np.ndarray:
+        """How far (n,) m positions x (n,) m lie beyond the toe; below 0 behind it."""
+        return self.downhill * (x - self.toe_x)
 
 
 class Ground(Protocol):

@@ -21,7 +21,7 @@ from jaxmpm.ground._boundaries import (
     bedrock_of,
     between_walls,
     check_alike,
-    elevation_of_toe,
+    foot_of,
     knots,
     layer_at,
     layering,
@@ -63,9 +63,9 @@ class Section:
         base: height of the rigid base (m).
         walls: x of the walls at both ends (m), by default the ends of the surface; the part beyond them is left out.
         interface: strength of the contact between soil and rigid ground; None if soil cannot slide on it.
-        toe: x (m) of the toe of a slope that falls along x, a point of the surface beyond which it falls less steeply;
-            run-out is measured from it. None for ground without a toe.
-        crest: x of its crest (m), by default the highest point of the surface before the toe.
+        toe: x (m) of the toe of a slope, a point of the surface beyond which it falls less steeply, along x or against
+            it; run-out is measured from it. In a valley the higher side is the slope. None for ground without a toe.
+        crest: x of its crest (m), by default the highest point of the surface behind the toe.
         bedrock: surface of rigid ground above the base, points (x, z) m from wall to wall; None for the level base.
     """
 
@@ -121,8 +121,10 @@ class Section:
     @property
     def downhill(self) -> int:
         """Direction along x in which the ground falls: to its toe, or to its lower end where it has none; 1 or -1."""
+        if self.face is not None:
+            return self.face.downhill
         z = self.outline().points[:, 1]
-        return 1 if self.toe is not None or z[0] >= z[-1] else -1
+        return 1 if z[0] >= z[-1] else -1
 
     @property
     def volume(self) -> float:
@@ -147,21 +149,37 @@ class Section:
         if self.toe is None:
             raise ValueError(f"crest = {self.crest:g} m without a toe, from which its height is counted: give toe, too")
         points, (left, right), *_ = self.outline()
-        toe_z = elevation_of_toe(points, left, self.toe, right)
-        if self.crest is not None and not left <= self.crest <= self.toe:
+        toe_z, sides = foot_of(points, left, self.toe, right)
+        if self.crest is not None and not left <= self.crest <= right:
             raise ValueError(
-                f"crest = {self.crest:g} m lies beyond the toe at x = {self.toe:g} m or the wall at x = {left:g} m: a "
-                "slope falls along x, so give an x between them, or mirror the section"
+                f"crest = {self.crest:g} m lies outside the ground, which reaches from x = {left:g} to {right:g} m: "
+                "give the x at which the slope begins to fall to its toe"
             )
-        span = (left, self.toe) if self.crest is None else (self.crest, self.crest)
-        heights = points[(points[:, 0] >= span[0]) & (points[:, 0] <= span[1]), 1]
-        height = float(np.r_[heights, self.heights(np.array(span))].max()) - toe_z
+        # Where both sides of a valley fall to the toe, the crest tells them apart, else the higher one is the slope.
+        heights = {side: self._highest(*((left, self.toe) if side == 1 else (self.toe, right))) for side in sides}
+        if self.crest is not None:
+            heights = {
+                side: self._highest(self.crest, self.crest) for side in sides if side * (self.toe - self.crest) >= 0
+            }
+        if not heights:
+            raise ValueError(
+                f"crest = {self.crest:g} m lies on the other side of the toe at x = {self.toe:g} m than its slope, "
+                f"which falls {'along' if 1 in sides else 'against'} x: give the x at which the slope begins to fall"
+            )
+        downhill = max(heights, key=heights.__getitem__)
+        height = heights[downhill] - toe_z
         if not height > 0:
             raise ValueError(
                 f"crest = {self.crest:g} m is {height:g} m above the toe at x = {self.toe:g} m: give the x at which "
                 "the slope begins to fall to it"
             )
-        return Face(self.toe, toe_z, height)
+        return Face(self.toe, toe_z, height, downhill)
+
+    def _highest(self, low: float, high: float) -> float:
+        """Elevation (m) of the surface's highest point from low to high (m)."""
+        points = self.outline().points
+        between = points[(points[:, 0] >= low) & (points[:, 0] <= high), 1]
+        return float(np.r_[between, self.heights(np.array([low, high]))].max())
 
     def heights(self, x: np.ndarray) -> np.ndarray:
         """Height (n,) m of the surface at x (n,) m."""

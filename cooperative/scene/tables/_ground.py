@@ -132,15 +132,16 @@ class Ground(_OnBase):
         "Where the ground ends.", [0.0, 92.0], None, otherwise="the ends of the surface", allowed=_WALLS
     )
     toe: Metres | None = key(
-        "x of the toe: a point at which the surface stops falling along x, or falls less steeply. Run-out is then "
-        "counted from the toe and depth from the crest, and failures have modes, as in a `[slope]`.",
+        "x of the toe: a point beyond which the surface stops falling, along x or against it, or falls less steeply. "
+        "In a valley the higher side is the slope, or that of the `crest`. Run-out is then counted from the toe and "
+        "depth from the crest, and failures have modes, as in a `[slope]`.",
         54.0,
         None,
         otherwise="none: run-out from the rear of a slide to its front",
     )
     crest: Metres | None = key(
         "x of the slope's crest, from which its height is counted.", 30.0, None,
-        otherwise="where the surface before the toe is highest",
+        otherwise="where the surface behind the toe is highest",
     )  # fmt: skip
     ends: Literal["roller", "fixed", "left fixed", "right fixed", "tied", "free field"] = key(
         "Boundary condition at the walls. With `left fixed` or `right fixed` the other wall is a roller. For a free "

@@ -16,6 +16,7 @@ from tests.cooperative.scene.test_scene_sections import OUTLINE
 from tests.jaxmpm.ground.test_ground import Embankment
 
 TOED = OUTLINE.replace("[ground]", "[ground]\ntoe = 16.0\ncrest = 8.0")
+RIGHT = "[[0.0, 10.0], [8.0, 10.0], [16.0, 2.0], [32.0, 2.0]]"
 MEASURED_ANEW = {"seconds", "checksum"}
 """What differs between two campaigns of one scene."""
 
@@ -48,10 +49,19 @@ def test_without_a_toe_there_are_no_modes():
     assert parse(OUTLINE).modes == ()
 
 
+def test_a_section_that_falls_to_the_left_has_run_outs_and_modes_beyond_its_toe(tmp_path):
+    left = TOED.replace(RIGHT, "[[0.0, 2.0], [16.0, 2.0], [24.0, 10.0], [32.0, 10.0]]").replace("= 8.0", "= 24.0")
+    assert runs.reach_of(parse(left)) == pytest.approx(runs.reach_of(parse(TOED)))
+    run(left, tmp_path)
+    summary = summary_of(tmp_path)
+    assert summary["modes"]["shares"]["deep"]["count"] > 0
+    assert summary["consequences"]["means"]["runout"]["mean"] > 5
+
+
 REFUSED = {
     "toe = 500.0": "[ground] toe = 500 m lies outside the ground, which reaches from x = 0 to 32 m",
     "toe = 12.0": "[ground] toe = 12 m is no foot of a slope, a point of the surface",
-    "toe = 16.0\ncrest = 20.0": "[ground] crest = 20 m lies beyond the toe at x = 16 m",
+    "toe = 16.0\ncrest = 20.0": "[ground] crest = 20 m lies on the other side of the toe at x = 16 m",
     "crest = 8.0": "[ground] crest = 8 m without a toe",
 }
 

@@ -175,6 +175,16 @@ def test_moving_or_mirroring_across_the_slope_changes_nothing(shift, mirror):
     assert got.as_row() == pytest.approx(consequences(*here[:3], SLOPE, half_size=here[3]).as_row())
 
 
+@given(move=st.floats(-3.0, 30.0), drop=st.floats(-6.0, 0.0))
+def test_a_slope_that_faces_left_has_the_consequences_of_its_mirror_image(move, drop):
+    position, displacement, volume, half = slide_3d((1.0, 2.0, 1.0), (move, 0.0, drop))
+    turn = np.array([-1.0, 1.0, 1.0])[:, None]
+    left = Face(-SLOPE.toe_x, SLOPE.toe_z, SLOPE.height, downhill=-1)
+    images = (turn * position, turn * displacement, volume, left)
+    got = consequences(*images, half_size=half)
+    assert got.as_row() == pytest.approx(consequences(position, displacement, volume, SLOPE, half_size=half).as_row())
+
+
 def test_a_curved_front_is_integrated():
     # Fronts on a parabola 12 (1 - (y/20)^2) over y in [-20, 20]: area 320 m2.
     errors = []

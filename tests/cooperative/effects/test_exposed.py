@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from cooperative import runs
 from cooperative.measure import ColumnPlan, ElementAtRisk, Vulnerability, quantity
 from cooperative.scene import parse
+from jaxmpm import Face
 from tests.cooperative.campaign.test_campaign import TINY
 
 SECTION = ColumnPlan((-1.0,), 1.0, (12,), ((0.0, 10.0),))
@@ -137,3 +138,13 @@ def test_what_hits_a_house_is_above_its_ground_and_what_carries_it_away_is_its_g
     assert sample.row["thickness_at_face"] < 0.2 * whole[face].max()
     assert whole[face].max() > 2.0
     assert sample.row["thickness_at_beyond"] > 0.5
+
+
+@pytest.mark.parametrize("toe", [3.0, 3.4])
+def test_the_columns_beyond_the_toe_are_on_the_side_to_which_the_slope_falls(toe):
+    edges = SECTION.edges(0)
+    right, left = (SECTION.beyond(Face(at, 0.0, 5.0, way)) for at, way in ((toe, 1), (10.0 - toe, -1)))
+    assert edges[right.start] == np.ceil(toe)
+    assert right.stop == 12
+    assert (left.start, left.stop) == (0, 12 - right.start)
+    assert SECTION.beyond(None) == slice(0, 12)

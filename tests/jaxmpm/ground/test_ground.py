@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import jaxmpm as mpm
@@ -92,8 +92,11 @@ REFUSED = {
     "on the face": ({"toe": 40.0}, "toe = 40 m is no foot of a slope.*give x = 54 m"),
     "at the crest": ({"toe": 30.0}, "toe = 30 m is no foot of a slope"),
     "none": ({"toe": float("nan")}, "toe = nan m: give a finite value"),
-    "crest beyond": ({"toe": 54.0, "crest": 70.0}, "crest = 70 m lies beyond the toe at x = 54 m.*mirror"),
-    "crest outside": ({"toe": 54.0, "crest": -1.0}, "crest = -1 m lies beyond .* the wall at x = 0 m"),
+    "crest beyond": ({"toe": 54.0, "crest": 70.0}, "crest = 70 m lies on the other side of the toe at x = 54 m"),
+    "crest outside": (
+        {"toe": 54.0, "crest": -1.0},
+        "crest = -1 m lies outside the ground, which reaches from x = 0 to 96 m",
+    ),
     "crest alone": ({"crest": 30.0}, "crest = 30 m without a toe.*give toe"),
     "low crest": ({"toe": 54.0, "crest": 54.0}, "crest = 54 m is 0 m above the toe"),
 }
@@ -106,9 +109,35 @@ def test_a_toe_that_the_surface_has_not_is_refused(name):
         mpm.section(mpm.Section(LINE, **given), CLAY, NUMERICS, at_rest=False)
 
 
-def test_a_slope_that_falls_the_other_way_has_no_foot():
-    with pytest.raises(ValueError, match="no slope falls along x, mirror the section"):
-        mpm.Section([(0, 4), (42, 4), (66, 16), (96, 16)], toe=42.0).check()
+def test_a_surface_without_a_foot_has_no_toe():
+    with pytest.raises(ValueError, match="the surface has none between the walls, leave the toe out"):
+        mpm.Section([(0, 4), (42, 8), (96, 4)], toe=42.0).check()
+
+
+@example(steps=[-6, -3, 0, 2], crest=None)
+@example(steps=[-4, 4], crest=None)
+@example(steps=[5, -5, 0], crest=1)
+@given(steps=st.lists(st.integers(-6, 6), min_size=2, max_size=5), crest=st.none() | st.integers(0, 5))
+def test_a_section_and_its_mirror_image_have_the_same_faces(steps, crest):
+    x, z = 4.0 * np.arange(len(steps) + 1), 20.0 + np.cumsum([0, *steps])
+    crest = None if crest is None else min(4.0 * crest, x[-1])
+
+    def faces(x, z, crest):
+        """The face whose toe each point is, None where it is refused."""
+        for toe in x[1:-1]:
+            try:
+                yield mpm.Section(list(zip(x, z, strict=True)), toe=toe, crest=crest).face
+            except ValueError:
+                yield None
+
+    mirrored = None if crest is None else x[-1] - crest
+    for face, image in zip(faces(x, z, crest), list(faces(x[-1] - x[::-1], z[::-1], mirrored))[::-1], strict=True):
+        assert (face is None) == (image is None)
+        if face is None:
+            continue
+        assert (face.toe_x, face.toe_z, face.height) == (x[-1] - image.toe_x, image.toe_z, image.height)
+        # A valley whose sides are as high as each other is the foot of the side to its left.
+        assert face.downhill == -image.downhill or (face.downhill == image.downhill == 1)
 
 
 def test_a_ground_of_ones_own_is_built_like_the_section_it_draws():
