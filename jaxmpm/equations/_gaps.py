@@ -191,18 +191,18 @@ def bridged(scene: Scene, levels: Array, force: Array) -> Array:
 
     def full(side: int) -> Array:
         """Filled share of the cells on this side, the first or, where soil reaches through it, the second."""
-        first, second = (_moved(filled, side * count, upright) for count in (1, 2))
+        first, second = (shifted(filled, side * count, upright) for count in (1, 2))
         return first + jnp.clip(first / REACHES, 0, 1) * jnp.maximum(second - first, 0)
 
     beside = jnp.minimum(jnp.minimum(full(1), full(-1)), 1)
     lacks = beside > filled
     gap = _counted(jnp.where(lacks, 1 - filled / jnp.where(lacks, beside, 1), 0), UNEVEN)
     lacking = (gap / (1 - gap))[..., None] * traction
-    change = lacking - _moved(lacking, -1, upright)
+    change = lacking - shifted(lacking, -1, upright)
     return force + jnp.pad(change, [(0, 0)] * d + [(0, 1)]).reshape(force.shape)
 
 
-def _moved(field: Array, levels: int, axis: int) -> Array:
+def shifted(field: Array, levels: int, axis: int) -> Array:
     """Values so many levels further along an axis, 0 beyond its end."""
     size, ends = field.shape[axis], [(0, 0)] * field.ndim
     ends[axis] = (max(-levels, 0), max(levels, 0))

@@ -12,7 +12,7 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import Region, hold, slide
-from jaxmpm.equations._gaps import bridged, by_levels, closed, gaps, sheared
+from jaxmpm.equations._gaps import bridged, by_levels, closed, gaps, sheared, shifted
 from jaxmpm.equations._maps import Maps, reciprocal
 from jaxmpm.equations._stress import acting_stress
 from jaxmpm.transfer import momentum
@@ -249,9 +249,20 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
 
     def largest(region: Region | None, push: Array) -> Array:
         borne = left(region, at(region, friction)) * jnp.maximum(push - at(region, water), 0)
-        return jnp.where(push > 0, borne + left(region, at(region, cohesion)), 0)
+        pressed = push > 0 if region is not None else pressed_on_base(scene, push)
+        return jnp.where(pressed, borne + left(region, at(region, cohesion)), 0)
 
     return largest
+
+
+def pressed_on_base(scene: Scene, push: Array) -> Array:
+    """Nodes (nodes,) bool of the base that bear soil themselves or by the node below, of `push` (nodes,) m/s into it.
+
+    On steep rock the uppermost node of a column, which has the contact's area, may be drawn off it while those below
+    press: soil above a step hangs over its edge.
+    """
+    pressing = (push > 0).reshape(scene.grid.shape)
+    return (pressing | shifted(pressing, -1, scene.grid.dimension - 1)).ravel()
 
 
 def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:
