@@ -23,8 +23,8 @@ from .reporting import progress_of, report
 from .runs import build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
 from .scene import (
     Campaign,
+    CampaignGrid,
     CrossCorrelation,
-    Grid,
     Hazard,
     Plan,
     RandomField,
@@ -42,10 +42,10 @@ from .summary import Summary
 
 __all__ = [
     "Campaign",
+    "CampaignGrid",
     "ControlVariate",
     "CrossCorrelation",
     "Estimator",
-    "Grid",
     "Hazard",
     "MonteCarlo",
     "Plan",

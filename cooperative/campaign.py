@@ -35,8 +35,8 @@ from cooperative.store import (
     MOVING,
     SCORES,
     SLIDES,
+    FinishedRun,
     Rows,
-    Sample,
     Source,
     Store,
     open_store,
@@ -174,7 +174,7 @@ class Runner:
 
     def samples(
         self, grid: str, numbers: Iterable[int], coefficients: np.ndarray, *, slides: bool = False
-    ) -> Iterator[Sample]:
+    ) -> Iterator[FinishedRun]:
         """Run these samples on one grid, or on from where they had failed to the end of their slides.
 
         Yields each sample as it ends. Raises `Stopped` when asked to stop.

@@ -19,7 +19,7 @@ CARRIED = "ground carried away"
 
 
 @dataclass(frozen=True)
-class Maps:
+class HazardMaps:
     """Maps over the columns of cells with ground in them, (nx,) in a section and (nx, ny) in 3D.
 
     All but that of the ground that is carried away are of the soil that lies or moves above the surface that was there
@@ -57,7 +57,7 @@ class Maps:
     until: float = np.inf
 
 
-def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> Maps:
+def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> HazardMaps:
     """The maps of a campaign's folder, of what has run by now.
 
     Args:
@@ -78,7 +78,7 @@ def hazard_maps(folder: str | Path, *, estimator: Estimator | None = None) -> Ma
     return maps
 
 
-def maps_of(results: Results) -> Maps | None:
+def maps_of(results: Results) -> HazardMaps | None:
     """The maps of these results; None where the scene asks for none, or nothing slid.
 
     Args:
@@ -106,7 +106,7 @@ def maps_of(results: Results) -> Maps | None:
             chance_of(pf.estimate, weight, ground >= pf.failure_displacement),
             "-",
         )
-    return Maps(
+    return HazardMaps(
         plan=plan,
         edges=tuple(plan.edges(axis)[part.start : part.stop + 1] for axis, part in enumerate(where)),
         maps=maps,

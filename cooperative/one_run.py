@@ -15,10 +15,10 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative import runs
-from cooperative.measure import Motion, exceeded
+from cooperative.measure import ReleaseHistory, exceeded
 from cooperative.reporting import panels, save, units_of
 from cooperative.scene import Campaign, RandomField
-from cooperative.store import Sample, own_folder
+from cooperative.store import FinishedRun, own_folder
 from jaxmpm import Scene, State, solve_each, write_vtkhdf
 from jaxmpm.laws import declared
 from jaxmpm.run import Midway
@@ -46,7 +46,7 @@ class Slide:
         least_volume: of soil that has to slide, in m3 or, in a section, m2; None for any particle.
         units: of the numbers of the run, in words.
         scene: of the solver.
-        sample: status, numbers and fields of the run, see `cooperative.store.Sample`.
+        sample: status, numbers and fields of the run, see `cooperative.store.FinishedRun`.
         failed: time (s) at which it had failed, None where it stands.
         times: of the states (s).
         states: from the start to the end.
@@ -59,7 +59,7 @@ class Slide:
     least_volume: float | None
     units: dict[str, str] = field(repr=False)
     scene: Scene = field(repr=False)
-    sample: Sample = field(repr=False)
+    sample: FinishedRun = field(repr=False)
     failed: float | None = None
     times: tuple[float, ...] = field(default=(), repr=False)
     states: tuple[State, ...] = field(default=(), repr=False)
@@ -115,7 +115,7 @@ def slide(
     scene = scene if divide == 1 else jaxmpm.reduced(scene, divide)
     model, run, start = replace(model, scene=scene, state=state), campaign.run, time.perf_counter()
     least, limit = campaign.failing_volume, run.failure_displacement
-    past, kept, failed = Motion.start(np.asarray(scene.particles.volume), limit), {0.0: state}, None
+    past, kept, failed = ReleaseHistory.start(np.asarray(scene.particles.volume), limit), {0.0: state}, None
 
     def look(_: int, seconds: float, midway: Midway) -> None:
         nonlocal past, failed

@@ -100,14 +100,14 @@ class Material(Protocol):
         """
 
 
-class Water(Protocol):
+class PrescribedWater(Protocol):
     """Prescribed water in the ground, a frozen pytree: `WaterTable`, `WaterSurface`, or a user's own."""
 
     def push(self, position: Array) -> Array:
         """Force per volume -grad u (d, N) N/m3 of the pore pressure u at positions (d, N) m."""
 
 
-class Motion(Protocol):
+class PrescribedMotion(Protocol):
     """Motion of the base, a frozen pytree: `BaseMotion`, or a user's own."""
 
     @property

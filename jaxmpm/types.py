@@ -14,7 +14,7 @@ from typing import Any, ClassVar, TypeAlias
 from jax import Array
 
 from jaxmpm.grid import Grid, Particles, RigidBase, Wall, static
-from jaxmpm.protocols import History, Kernel, Motion, Water
+from jaxmpm.protocols import History, Kernel, PrescribedMotion, PrescribedWater
 from jaxmpm.support.check import Limit, above_zero, from_zero
 from jaxmpm.support.pytrees import pytree
 
@@ -165,9 +165,9 @@ class Loads:
 
     gravity: Numbers = 0.0
     body_force: Callable[[Array, Array], Array] | None = static(default=None)
-    water: Water | None = None
+    water: PrescribedWater | None = None
     pore_pressure: Numbers | None = None
-    motion: Motion | None = None
+    motion: PrescribedMotion | None = None
     k0: Numbers | None = None
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {"k0": from_zero()}

@@ -36,7 +36,7 @@ from IPython.display import Image, display
 from jax import Array
 
 import jaxmpm as mpm
-from cooperative import Campaign, Grid, Plan, RandomField, TwoPhase, report, run
+from cooperative import Campaign, CampaignGrid, Plan, RandomField, TwoPhase, report, run
 from jaxmpm.laws import add, elastic_increment
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 
@@ -82,8 +82,8 @@ campaign = Campaign(
     ground=mpm.Slope(crest=20.0, height=6.0, run_per_rise=1.5, toe=26.0, foundation=2.0),
     soil=SensitiveClay(),
     random={"strength": RandomField(mean=18e3, cov=0.3, length=(20.0, 2.0), trend=1.5e3)},
-    rough=Grid(2 * cell, (cell, cell), fbar=True),
-    refined=Grid(cell, (cell / 2, cell / 2), fbar=True),
+    rough=CampaignGrid(2 * cell, (cell, cell), fbar=True),
+    refined=CampaignGrid(cell, (cell / 2, cell / 2), fbar=True),
     plan=Plan(samples=samples, seed=3),
     estimator=TwoPhase(refined_runs=12),
 )

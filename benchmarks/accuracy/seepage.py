@@ -421,7 +421,7 @@ def extreme_rows(quick: bool) -> Iterator[Row]:
         end = YEAR if options else 30 * DAY if "month" in name else 10 * DAY
         settings: dict[str, Any] = options
         flow, seconds = clocked(partial(seepage.run, problem, initial, [end], **settings))
-        status = seepage.Status(int(flow.status)).name
+        status = seepage.FlowStatus(int(flow.status)).name
         tries = {"steps": int(flow.steps), "tries": int(flow.tries)}
         yield {"case": f"extreme: {name}", "status": status, **tries, "water_lost": lost(flow), "seconds": seconds}
 
@@ -452,7 +452,7 @@ def cost_rows(quick: bool) -> Iterator[Row]:
             "case": f"storm on a {name}",
             "cells": math.prod(shape),
             "lanes": lanes,
-            "done": int(np.sum(np.asarray(status) == seepage.Status.DONE)),
+            "done": int(np.sum(np.asarray(status) == seepage.FlowStatus.DONE)),
             "steps": int(np.max(steps)),
             "iterations": int(np.max(np.sum(iterations, axis=-1))),
             "seconds_per_sample": round(seconds / lanes, 2),

@@ -15,7 +15,7 @@ from cooperative import runs
 from cooperative.measure import ColumnPlan
 from cooperative.scene import Calibration, Campaign, factors_of_safety, to_toml
 from cooperative.scene._files import packed
-from cooperative.store import Sample
+from cooperative.store import FinishedRun
 from jaxmpm import Raster
 
 TINY = """
@@ -155,7 +155,7 @@ def run_samples(
     seconds: float = 0.0,
     stop: Callable[[], bool] | None = None,
     **_: Any,
-) -> Iterator[Sample]:
+) -> Iterator[FinishedRun]:
     """Displacements that both grids see alike, with some scatter of their own; calibration scales the rough ones."""
     calibration = model.campaign.measured.calibration
     factor = 1.0 if calibration is None or model.grid == "refined" else calibration.factor
@@ -169,7 +169,7 @@ def run_samples(
         row: dict[str, Any] = {"displacement": displacement, "broke_off": False}
         row |= dict.fromkeys(("depth", "runout", "volume", "area"), displacement)
         fields = {"displacement": np.full((2, PARTICLES), displacement)}
-        yield Sample(number, "SETTLED", STEPS, seconds, xi, row, fields)
+        yield FinishedRun(number, "SETTLED", STEPS, seconds, xi, row, fields)
 
 
 def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = setattr) -> None:
@@ -180,7 +180,7 @@ def invent(seconds: float = 0.0, put: Callable[[ModuleType, str, Any], None] = s
         time.sleep(seconds)
         return Calibration(rough=1.25, refined=1.125)
 
-    def timed(*arguments: Any, **choices: Any) -> Iterator[Sample]:
+    def timed(*arguments: Any, **choices: Any) -> Iterator[FinishedRun]:
         return run_samples(*arguments, **choices, seconds=seconds)
 
     made_up = {

@@ -24,9 +24,9 @@ from benchmarks.study.cases import CASES as STUDY_CASES
 from benchmarks.study.cases import FAILS_ABOVE, FAST, Changes, campaign_of
 from benchmarks.study.rows import Rows, Run, read_study
 from cooperative import runs
-from cooperative.measure import SEVERITY, Motion
+from cooperative.measure import SEVERITY, ReleaseHistory
 from cooperative.runs import GridModel
-from cooperative.store import Sample
+from cooperative.store import FinishedRun
 from jaxmpm import Result, State, Status, solve_each
 from jaxmpm.run import Midway, Rule
 
@@ -139,7 +139,7 @@ def followed(
     t_end: float,
     rules: Sequence[Rule],
     look: Callable[[float, State], None],
-) -> tuple[Result, Motion]:
+) -> tuple[Result, ReleaseHistory]:
     """Run one sample.
 
     Args:
@@ -152,7 +152,7 @@ def followed(
     Returns:
         The result and the motion of the particles.
     """
-    past = Motion.start(np.asarray(model.scene.particles.volume), model.campaign.run.failure_displacement)
+    past = ReleaseHistory.start(np.asarray(model.scene.particles.volume), model.campaign.run.failure_displacement)
 
     def observe(_: int, seconds: float, midway: Midway) -> None:
         nonlocal past
@@ -165,7 +165,7 @@ def followed(
     return result, past
 
 
-def run_watched(model: GridModel, sample: int) -> tuple[Sample, str]:
+def run_watched(model: GridModel, sample: int) -> tuple[FinishedRun, str]:
     """A sample's run to its end, and the volume that it opened and closed again, nothing without memory."""
     coefficients = runs.coefficients_of(model.campaign, model.soil)[sample]
     volume, run = np.asarray(model.scene.particles.volume), model.campaign.run

@@ -36,7 +36,7 @@ from cooperative import run as run_campaign
 from cooperative.folder import read_results
 from cooperative.runs import Stopped
 from cooperative.scene import Campaign, built, campaign_of, parse, read_scene, to_toml
-from cooperative.store import Sample, read_sample, table_of
+from cooperative.store import FinishedRun, read_sample, table_of
 
 SCENES = ROOT / "benchmarks" / "scenes" / "real"
 
@@ -91,7 +91,9 @@ class Compared:
     published: str
 
 
-def measured(campaign: Campaign, grid: str, crest: float | None, samples: Iterable[Sample]) -> list[dict[str, Any]]:
+def measured(
+    campaign: Campaign, grid: str, crest: float | None, samples: Iterable[FinishedRun]
+) -> list[dict[str, Any]]:
     """The quantities of slides, and in 3D the change of volume in the stations of the run-out line (stations,) m3.
 
     Args:

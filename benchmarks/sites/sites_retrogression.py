@@ -23,7 +23,7 @@ import numpy as np
 
 import jaxmpm as mpm
 from benchmarks.measure import ROOT
-from cooperative.measure import Motion, OpenGround, consequences
+from cooperative.measure import OpenGround, ReleaseHistory, consequences
 from cooperative.scene import Campaign, built, parse, read_scene
 
 SCENES = ROOT / "benchmarks" / "scenes" / "sites"
@@ -73,7 +73,7 @@ def slid(campaign: Campaign, grid: str) -> dict[str, float | str]:
     looks = (np.arange(1, round(campaign.run.t_end / EVERY)) * EVERY).tolist()
     result = mpm.solve(scene, state, t_end=campaign.run.t_end, snapshots=looks).raise_if_failed()
     position, volume = np.asarray(scene.particles.position, float), np.asarray(scene.particles.volume, float)
-    motion = Motion.start(volume, LETS_GO)
+    motion = ReleaseHistory.start(volume, LETS_GO)
     for at, seen in zip((*result.times, campaign.run.t_end), (*result.snapshots, result.state), strict=True):
         motion = motion.after(at, np.linalg.norm(np.asarray(seen.displacement), axis=0))
     distance = np.asarray(result.state.displacement, float)

@@ -19,7 +19,7 @@ from benchmarks.measure import ROOT, scene_campaign
 from benchmarks.statistics.section_pairs import DATA, SAMPLES, read
 from cooperative import runs
 from cooperative.scene import Campaign, Hazard, parse
-from cooperative.store import Sample
+from cooperative.store import FinishedRun
 
 STORED = ROOT / "out" / "hazard"
 LIMIT = 1.0
@@ -118,7 +118,7 @@ def campaign_of(name: str) -> Campaign:
     return replace(campaign, plan=plan, run=run, hazard=Hazard(("0.5 m", "1 m", "1 m/s"), 20))
 
 
-def _run(name: str, model: runs.GridModel, coefficients: np.ndarray, numbers: np.ndarray) -> Iterator[Sample]:
+def _run(name: str, model: runs.GridModel, coefficients: np.ndarray, numbers: np.ndarray) -> Iterator[FinishedRun]:
     """The samples of a population with these numbers, run unless they are stored."""
     for number in numbers.tolist():
         stored = STORED / f"{name}-{model.grid}-{number}.npz"
@@ -126,7 +126,7 @@ def _run(name: str, model: runs.GridModel, coefficients: np.ndarray, numbers: np
             with np.load(stored, allow_pickle=False) as file:
                 row = {key: float(file[key]) for key in file.files if key not in runs.COLUMNS}
                 fields = {key: file[key] for key in file.files if key in runs.COLUMNS}
-            yield Sample(number, "", 0, 0.0, np.zeros(0), row, fields)
+            yield FinishedRun(number, "", 0, 0.0, np.zeros(0), row, fields)
             continue
         sample = next(iter(runs.run_samples(model, coefficients, [number], width=1)))
         numbers_of = {key: value for key, value in sample.row.items() if not isinstance(value, str)}

@@ -21,7 +21,7 @@ from benchmarks.measure import ROOT, machine, scene_campaign
 from benchmarks.study.cases import campaign_of
 from cooperative import runs
 from cooperative.scene import Calibration, Campaign, factors_of_safety
-from cooperative.store import Sample
+from cooperative.store import FinishedRun
 
 DATA = ROOT / "benchmarks" / "data"
 STUDIES = {
@@ -110,7 +110,7 @@ def _complete(campaign: Campaign, path: Path) -> None:
             put((number, *chain(*zip(*measured, strict=True))))
 
 
-def _run(model: runs.GridModel, coefficients: np.ndarray, number: int) -> Sample:
+def _run(model: runs.GridModel, coefficients: np.ndarray, number: int) -> FinishedRun:
     return next(iter(runs.run_samples(model, coefficients, [number], width=1)))
 
 

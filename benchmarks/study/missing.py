@@ -47,7 +47,7 @@ from cooperative import build, coefficients_of, random_soil
 from cooperative.estimate import next_audit
 from cooperative.runs import GridModel, Stopped, run_samples, stop_by_signals
 from cooperative.scene import Campaign
-from cooperative.store import Sample, open_store
+from cooperative.store import FinishedRun, open_store
 
 BRACKET = 0.98, 1.3
 """Of the search for a factor of safety: reductions that stand and that fail, of which the second is run."""
@@ -129,7 +129,7 @@ def outcome_of(run: Run, folder: Path, stop: Callable[[], bool] = lambda: False)
     return as_outcome(sample, float(model.scene.numerics.time_step), run.until)
 
 
-def as_outcome(sample: Sample, dt: float, until: Until) -> Outcome:
+def as_outcome(sample: FinishedRun, dt: float, until: Until) -> Outcome:
     """A sample as the study's rows have it. dt: its time step (s). until: see `Run`."""
     names = ["displacement"] if until == "class" else [each.name for each in fields(Outcome)]
     measured = {name: sample.row[name] for name in names if name in sample.row}

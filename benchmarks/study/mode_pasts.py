@@ -15,7 +15,7 @@ from benchmarks.study.cases import CASES, FAILS_ABOVE, campaign_of
 from benchmarks.study.draw import Slide
 from benchmarks.study.rows import DATA, Run, read_table
 from cooperative import build, coefficients_of, random_soil
-from cooperative.measure import Motion, failure_mode
+from cooperative.measure import ReleaseHistory, failure_mode
 from jaxmpm import Face, reduced, solve
 
 STORED = DATA / "mode_pasts.npz"
@@ -90,7 +90,7 @@ def watch(run: Run) -> Watched:
         reduced(scene, run.reduction), state, t_end=campaign.run.t_end, snapshots=times.tolist()
     ).raise_if_failed()
     position, volume = (np.asarray(each, float) for each in (scene.particles.position, scene.particles.volume))
-    motion = Motion.start(volume, FAILS_ABOVE)
+    motion = ReleaseHistory.start(volume, FAILS_ABOVE)
     for at, seen in zip(result.times, result.snapshots, strict=True):
         motion = motion.after(at, np.linalg.norm(np.asarray(seen.displacement), axis=0))
     face = campaign.site.shape.face

@@ -11,7 +11,7 @@ import numpy as np
 from cooperative.exports._map_files import LIMITS, key, maps_path, middle, require
 from cooperative.exports._tables import tables_of
 from cooperative.folder import Results
-from cooperative.hazard import Maps
+from cooperative.hazard import HazardMaps
 from cooperative.runs import StoredGround
 from cooperative.store import Store, read_sample
 from cooperative.summary import Summary
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Variable = tuple[tuple[str, ...] | str, np.ndarray, dict[str, str]]
 
 
-def write_netcdf(results: Results, maps: Maps | None) -> Path:
+def write_netcdf(results: Results, maps: HazardMaps | None) -> Path:
     """Write `campaign.nc` in the campaign's folder.
 
     Along `sample`: `rough_displacement`, `refined_runout` and so on, all columns of `table.csv` with their grid's name,
@@ -66,7 +66,7 @@ def write_netcdf(results: Results, maps: Maps | None) -> Path:
     return path
 
 
-def write_geotiff(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
+def write_geotiff(folder: Path, ground: StoredGround, maps: HazardMaps) -> Iterator[Path]:
     """Write `maps/reached.tif` and so for each map, in plan: three bands, the value and both limits.
 
     Args:
@@ -140,7 +140,7 @@ def _of_curves(summary: Summary) -> dict[str, Variable]:
     return variables
 
 
-def _of_maps(maps: Maps) -> dict[str, Variable]:
+def _of_maps(maps: HazardMaps) -> dict[str, Variable]:
     axes = ("x", "y")[: len(maps.edges)]
     variables: dict[str, Variable] = {
         axis: (axis, middle(edges), {"units": "m", "long_name": f"centre of a column along {axis}"})

@@ -14,7 +14,7 @@ from cooperative.exports._dataset import write_geotiff, write_netcdf
 from cooperative.exports._map_files import write_geopackage, write_notice, write_tidy
 from cooperative.exports._tables import rows_of, write_table
 from cooperative.folder import known_summary, models_of, read_results, stored_ground
-from cooperative.hazard import Maps, maps_of
+from cooperative.hazard import HazardMaps, maps_of
 from cooperative.names import EXPORTS, GRIDS, USUAL_EXPORTS
 from cooperative.runs import (
     GridModel,
@@ -27,7 +27,7 @@ from cooperative.runs import (
     soil_of,
 )
 from cooperative.scene import campaign_of
-from cooperative.store import Sample, Store, own_folder, read_sample, read_store
+from cooperative.store import FinishedRun, Store, own_folder, read_sample, read_store
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 from jaxmpm.support.files import remove_leftovers
 
@@ -104,7 +104,7 @@ def export(
                     yield _series_of_fields(store, grid, ground.grids[grid].position, sample, soil)
 
 
-def _check_maps(ground: StoredGround, maps: Maps | None, named: Sequence[str]) -> None:
+def _check_maps(ground: StoredGround, maps: HazardMaps | None, named: Sequence[str]) -> None:
     """Raise ValueError where maps are asked for that the campaign does not have."""
     if not {"maps", *IN_PLAN} & {*named}:
         return
@@ -118,7 +118,7 @@ def _check_maps(ground: StoredGround, maps: Maps | None, named: Sequence[str]) -
         )
 
 
-def _of_maps(ground: StoredGround, store: Store, maps: Maps, kinds: Sequence[str]) -> Iterator[Path]:
+def _of_maps(ground: StoredGround, store: Store, maps: HazardMaps, kinds: Sequence[str]) -> Iterator[Path]:
     """The files of hazard maps."""
     if "maps" in kinds:
         yield write_tidy(store.folder, maps)
@@ -170,13 +170,13 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
     return path
 
 
-def run_again(model: GridModel, sample: Sample, times: np.ndarray) -> Result:
+def run_again(model: GridModel, sample: FinishedRun, times: np.ndarray) -> Result:
     """Run a finished sample once more from its coefficients, for its states at `times` (s, ascending)."""
     scene, state = model.of_sample(sample.coefficients)
     return solve(scene, state, t_end=float(times[-1]), snapshots=times.tolist())
 
 
-def _soil_of(models: Callable[[], Mapping[str, GridModel]], grid: str, sample: Sample) -> SampleSoil:
+def _soil_of(models: Callable[[], Mapping[str, GridModel]], grid: str, sample: FinishedRun) -> SampleSoil:
     """The random soil of a sample that `drawn.h5` does not have, on its grid, which `models` builds.
 
     Raises:
@@ -191,7 +191,7 @@ def _soil_of(models: Callable[[], Mapping[str, GridModel]], grid: str, sample: S
         ) from error
 
 
-def _series_of_fields(store: Store, grid: str, position: np.ndarray, sample: Sample, soil: SampleSoil) -> Path:
+def _series_of_fields(store: Store, grid: str, position: np.ndarray, sample: FinishedRun, soil: SampleSoil) -> Path:
     path = _series_path(store, grid, sample.number)
     of_particles = (position.shape, position.shape[1:])
     fields = {name: values for name, values in sample.fields.items() if values.shape in of_particles}

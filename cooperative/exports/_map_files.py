@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from contourpy import contour_generator
 
-from cooperative.hazard import COVERED, Maps
+from cooperative.hazard import COVERED, HazardMaps
 from cooperative.runs import StoredGround
 from cooperative.store import own_folder
 from jaxmpm.support.extras import extra
@@ -35,7 +35,7 @@ def maps_path(folder: Path, name: str) -> Path:
     return own_folder(folder / "maps") / name
 
 
-def write_tidy(folder: Path, maps: Maps) -> Path:
+def write_tidy(folder: Path, maps: HazardMaps) -> Path:
     """Write every map as one table, `maps/hazard.csv`, a line for each column of cells and map.
 
     Columns: map, unit, centre in the scene's coordinates (m), value, limits, number of slides; empty where no slide
@@ -57,7 +57,7 @@ def write_tidy(folder: Path, maps: Maps) -> Path:
     return _written(folder, "hazard.csv", csv_text(rows))
 
 
-def write_notice(folder: Path, maps: Maps) -> Iterator[Path]:
+def write_notice(folder: Path, maps: HazardMaps) -> Iterator[Path]:
     """Write `maps/AT_LEAST.txt` where slides had not come to rest; tables and rasters have no room for such a note."""
     if maps.moving:
         yield _written(
@@ -78,7 +78,7 @@ def middle(edges: np.ndarray) -> np.ndarray:
     return (edges[1:] + edges[:-1]) / 2
 
 
-def _contours(maps: Maps, values: np.ndarray, unit: str) -> Iterator[tuple[float, list[np.ndarray]]]:
+def _contours(maps: HazardMaps, values: np.ndarray, unit: str) -> Iterator[tuple[float, list[np.ndarray]]]:
     """Levels that have contours, and their lines (n, 2) m each."""
     if min(values.shape) < 2 or not np.isfinite(values).any():
         return
@@ -97,7 +97,7 @@ def _written(folder: Path, name: str, text: str) -> Path:
     return path
 
 
-def write_geopackage(folder: Path, ground: StoredGround, maps: Maps) -> Iterator[Path]:
+def write_geopackage(folder: Path, ground: StoredGround, maps: HazardMaps) -> Iterator[Path]:
     """Write `maps/hazard.gpkg` for geographic information systems, by geopandas (extra "region").
 
     Layers: "contours" of each map between the centres of its columns, and "deposits", what slides may cover at their

@@ -10,7 +10,7 @@ from cooperative.measure._consequences import (
 )
 from cooperative.measure._elements import ColumnPlan, ElementAtRisk, quantity
 from cooperative.measure._modes import SEVERITY, FailureMode, ModeRules, failure_mode
-from cooperative.measure._onsets import Motion, second_release
+from cooperative.measure._onsets import ReleaseHistory, second_release
 from cooperative.measure._track import Track
 from cooperative.measure._vulnerability import PUBLISHED, Intensity, Vulnerability
 
@@ -24,8 +24,8 @@ __all__ = [
     "FailureMode",
     "Intensity",
     "ModeRules",
-    "Motion",
     "OpenGround",
+    "ReleaseHistory",
     "Track",
     "Vulnerability",
     "consequences",

@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 
 from cooperative.measure._consequences import checked, largest_per_slice, overlapped_slices
-from cooperative.measure._onsets import Motion, releases
+from cooperative.measure._onsets import ReleaseHistory, releases
 from jaxmpm import Face
 
 SEVERITY = ("progressive", "compound", "deep", "shallow")
@@ -76,7 +76,7 @@ def failure_mode(
     geometry: Face,
     *,
     half_size: np.ndarray,
-    motion: Motion | None = None,
+    motion: ReleaseHistory | None = None,
     rules: ModeRules | None = None,
 ) -> FailureMode:
     """Mode of one final state.

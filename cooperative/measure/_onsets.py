@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Motion:
+class ReleaseHistory:
     """The past of one run, reduced to one number per particle and a few per pair of snapshots.
 
     Args:
@@ -50,7 +50,7 @@ BINS = 4
 
 
 def releases(
-    motion: Motion, sliding: np.ndarray, *, smallest_share: float, window: float, valley: float
+    motion: ReleaseHistory, sliding: np.ndarray, *, smallest_share: float, window: float, valley: float
 ) -> tuple[float, ...]:
     """Times (s) at which masses began to let go: one, or two where the rate of release has two peaks.
 

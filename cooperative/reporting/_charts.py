@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cooperative.estimate import Exceedance, Fits, Severity
-from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, Maps
+from cooperative.hazard import ARRIVAL, REACHED, THICKNESS, HazardMaps
 from cooperative.summary import Convergence, ModeShare
 
 ROUGH, REFINED, FAILED, GREY = "#0072B2", "#D55E00", "#CC79A7", "#5A5A5A"
@@ -128,7 +128,7 @@ def _exceeded(ax: Axes, curve: Exceedance, colour: str, level: float) -> None:
     ax.set_ylim(bottom=0)
 
 
-def profile(maps: Maps, *, toe: float | None) -> Figure:
+def profile(maps: HazardMaps, *, toe: float | None) -> Figure:
     """Hazard along a section: probabilities, expected thickness and arrival against x.
 
     What is reached, the thickness and the arrival have their intervals.
@@ -155,7 +155,7 @@ def profile(maps: Maps, *, toe: float | None) -> Figure:
     return figure
 
 
-def along(maps: Maps) -> dict[str, dict[str, Curve]]:
+def along(maps: HazardMaps) -> dict[str, dict[str, Curve]]:
     """Hazard along a section: by the label of a panel, its curves by name."""
 
     def at(name: str) -> Curve:
@@ -182,7 +182,7 @@ def _banded(
         ax.plot(at, limit, "-", color=colour, lw=0.6, drawstyle=drawstyle)
 
 
-def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
+def plan_maps(maps: HazardMaps, *, toe: float | None) -> Figure:
     """Hazard in plan, one panel for each map, with the limits of its interval beside it for the first.
 
     Args:
@@ -202,7 +202,7 @@ def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
     return figure
 
 
-def mapped(maps: Maps) -> Iterable[tuple[str, str, np.ndarray, float]]:
+def mapped(maps: HazardMaps) -> Iterable[tuple[str, str, np.ndarray, float]]:
     """Title, unit, values (nx, ny) and end of the scale of each map in plan.
 
     The limits of what is reached follow it and share its scale.

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from cooperative import runs
 from cooperative.estimate import Estimator, Exceedance
 from cooperative.folder import Results, models_of, read_results
-from cooperative.hazard import THICKNESS, Maps, maps_of
+from cooperative.hazard import THICKNESS, HazardMaps, maps_of
 from cooperative.names import DRAWN_SLIDES
 from cooperative.reporting import _bodies as bodies
 from cooperative.reporting import _charts as charts
@@ -22,7 +22,7 @@ from cooperative.reporting import _sentences as sentences
 from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._page import page
 from cooperative.scene import campaign_of
-from cooperative.store import GRIDS, Sample, own_folder, read_sample, write_aside
+from cooperative.store import GRIDS, FinishedRun, own_folder, read_sample, write_aside
 from jaxmpm import solve_each
 from jaxmpm.run import Midway
 from jaxmpm.support.files import remove_leftovers
@@ -68,7 +68,7 @@ def report(
     return sentences.words(results)
 
 
-def _hazards(results: Results, maps: Maps | None, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
+def _hazards(results: Results, maps: HazardMaps | None, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
     """Figures of how likely a slide does how much."""
     summary, pf = results.summary, results.summary.probability
     # A curve of one step, as of slides that are all as deep as the ground, shows no more than P_f.
@@ -103,7 +103,7 @@ def _hazards(results: Results, maps: Maps | None, labels: Mapping[str, str], cut
             )
 
 
-def _mapped(maps: Maps, level: float) -> str:
+def _mapped(maps: HazardMaps, level: float) -> str:
     """What maps show."""
     few = not np.isfinite(maps.maps[THICKNESS].high).any()
     return (
@@ -202,7 +202,7 @@ def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | N
     yield from drawn_fields(ground, first, {each: soils[each, numbers[0]] for each in GRIDS})
 
 
-def stored_moments(sample: Sample, soil: runs.SampleSoil) -> runs.Frames:
+def stored_moments(sample: FinishedRun, soil: runs.SampleSoil) -> runs.Frames:
     """A sample's stored frames in single precision, and its end; none where its fields were not stored."""
     if "displacement" not in sample.fields:
         return runs.Frames()
@@ -212,7 +212,7 @@ def stored_moments(sample: Sample, soil: runs.SampleSoil) -> runs.Frames:
     return runs.Frames((*frames.times, end), (*earlier, sample.fields["displacement"]))
 
 
-def moments(model: runs.GridModel, sample: Sample) -> runs.Frames:
+def moments(model: runs.GridModel, sample: FinishedRun) -> runs.Frames:
     """Displacement of a finished sample, run again, at the given shares of its largest one and at its end."""
     due = [share * float(sample.row["displacement"]) for share in SHARES]
     times: list[float] = []
@@ -238,7 +238,9 @@ def moments(model: runs.GridModel, sample: Sample) -> runs.Frames:
     return runs.Frames(tuple(times), tuple(displacements))
 
 
-def drawn_fields(ground: runs.StoredGround, sample: Sample, soils: Mapping[str, runs.SampleSoil]) -> Iterator[Drawn]:
+def drawn_fields(
+    ground: runs.StoredGround, sample: FinishedRun, soils: Mapping[str, runs.SampleSoil]
+) -> Iterator[Drawn]:
     """The random fields of one sample on both grids, a picture for each parameter.
 
     Args:
@@ -268,7 +270,7 @@ def _draw_outline(ax: Axes, ground: runs.StoredGround, y: float) -> None:
             ax.axvline(position, color="k", lw=1.5, ls="--" if hold == "roller" else "-")
 
 
-def drawn_change(ground: runs.StoredGround, grid: str, sample: Sample) -> Drawn:
+def drawn_change(ground: runs.StoredGround, grid: str, sample: FinishedRun) -> Drawn:
     """One sample's section before and after, by the stored plastic strain."""
     plane = _plane(ground, grid, sample)
     section, half = plots.section_of(ground.grids[grid], plane)
@@ -278,7 +280,7 @@ def drawn_change(ground: runs.StoredGround, grid: str, sample: Sample) -> Drawn:
 
 
 def drawn_slide(
-    ground: runs.StoredGround, grid: str, sample: Sample, soil: runs.SampleSoil, shown: runs.Frames
+    ground: runs.StoredGround, grid: str, sample: FinishedRun, soil: runs.SampleSoil, shown: runs.Frames
 ) -> Iterator[Drawn]:
     """A sample's strength and slide at several times, in 3D from above too; nothing where no moment is known.
 
@@ -304,7 +306,7 @@ def drawn_slide(
         )
 
 
-def title(sample: Sample) -> str:
+def title(sample: FinishedRun) -> str:
     """Number and failure mode of a sample."""
     mode = sample.row.get("mode")
     return f"Sample {sample.number}" + ("" if mode in (None, "none") else f", {mode}")
@@ -314,7 +316,7 @@ def _word(name: str) -> str:
     return "strength" if name == "strength" else plots.quantity(name).word
 
 
-def _plane(ground: runs.StoredGround, grid: str, sample: Sample) -> np.ndarray:
+def _plane(ground: runs.StoredGround, grid: str, sample: FinishedRun) -> np.ndarray:
     """Particles (N,) of the section to draw: all of them in 2D, in 3D the slice that moved farthest."""
     of, displacement = ground.grids[grid], sample.fields.get("displacement")
     if ground.dimension == 3 and displacement is not None and displacement.shape == of.position.shape:

@@ -264,7 +264,7 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
 
 def _moments(
     figure: Figure, axes: Sequence[Axes], section: plots.Section, moments: Sequence[np.ndarray],
-    scale: plots.Quantity, measured: np.ndarray | None,
+    scale: plots.ParameterLabel, measured: np.ndarray | None,
 ) -> None:  # fmt: skip
     """Mean and deviation (N,) of a conditioned field in a section, with the values measured (n, 3) in their colours."""
     position, half = section

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from cooperative.estimate import Exceedance
-from cooperative.hazard import Maps
+from cooperative.hazard import HazardMaps
 from cooperative.reporting._bodies import Moving
 from cooperative.reporting._charts import GREY, REFINED, ROUGH, SERIES, Curve, along, mapped, ranks, stairs_of
 
@@ -106,7 +106,7 @@ def stairs(curves: Mapping[str, Exceedance], labels: Mapping[str, str], up: str)
     return _stairs(shown, [labels[name] for name in curves], [up] * len(shown), ACROSS)
 
 
-def profile(maps: Maps, *, toe: float | None) -> Figure:
+def profile(maps: HazardMaps, *, toe: float | None) -> Figure:
     """Hazard along a section: probabilities, expected thickness and arrival against x.
 
     Args:
@@ -139,7 +139,7 @@ def _stairs(panels: Sequence[Mapping[str, Curve]], across: Sequence[str], up: Se
     return figure.update_layout(hovermode="x unified")
 
 
-def plan_maps(maps: Maps, *, toe: float | None) -> Figure:
+def plan_maps(maps: HazardMaps, *, toe: float | None) -> Figure:
     """Hazard in plan, one panel for each map; all are zoomed together.
 
     Args:

@@ -33,7 +33,7 @@ TORN = 2.0
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ParameterLabel:
     """How a parameter of soil is drawn.
 
     Args:
@@ -55,28 +55,28 @@ class Quantity:
 
 
 QUANTITIES = {
-    "strength": Quantity("undrained strength", "$S_u$", "kPa", 1e3),
-    "strength_ratio": Quantity("undrained strength over effective vertical stress", r"$S_u/\sigma'_v$", "-"),
-    "cohesion": Quantity("cohesion", "$c$", "kPa", 1e3),
-    "friction": Quantity("friction angle", r"$\varphi$", "degrees"),
-    "interface_friction": Quantity("friction angle of the interface", r"$\varphi_i$", "degrees"),
-    "interface_cohesion": Quantity("cohesion of the interface", "$c_i$", "kPa", 1e3),
-    "dilation": Quantity("dilation angle", r"$\psi$", "degrees"),
-    "young": Quantity("Young's modulus", "$E$", "MPa", 1e6),
-    "poisson": Quantity("Poisson's ratio", r"$\nu$", "-"),
-    "unit_weight": Quantity("unit weight", r"$\gamma$", "kN/m3", 1e3),
-    "softening_modulus": Quantity("softening modulus", "$H$", "kPa", 1e3),
-    "residual_cohesion": Quantity("residual cohesion", "$c_r$", "kPa", 1e3),
-    "residual_friction": Quantity("residual friction angle", r"$\varphi_r$", "degrees"),
-    "residual_ratio": Quantity("residual over peak strength", "$r$", "-"),
-    "strain_95": Quantity("plastic strain of 95 % of the loss", r"$\gamma_{95}$", "-"),
-    "softening_strain": Quantity("plastic strain of the loss", r"$\gamma_r$", "-"),
-    "rate_coefficient": Quantity("rise of strength per tenfold rate", r"$\mu$", "-"),
-    "viscosity": Quantity("plastic viscosity", r"$\eta$", "Pa s"),
+    "strength": ParameterLabel("undrained strength", "$S_u$", "kPa", 1e3),
+    "strength_ratio": ParameterLabel("undrained strength over effective vertical stress", r"$S_u/\sigma'_v$", "-"),
+    "cohesion": ParameterLabel("cohesion", "$c$", "kPa", 1e3),
+    "friction": ParameterLabel("friction angle", r"$\varphi$", "degrees"),
+    "interface_friction": ParameterLabel("friction angle of the interface", r"$\varphi_i$", "degrees"),
+    "interface_cohesion": ParameterLabel("cohesion of the interface", "$c_i$", "kPa", 1e3),
+    "dilation": ParameterLabel("dilation angle", r"$\psi$", "degrees"),
+    "young": ParameterLabel("Young's modulus", "$E$", "MPa", 1e6),
+    "poisson": ParameterLabel("Poisson's ratio", r"$\nu$", "-"),
+    "unit_weight": ParameterLabel("unit weight", r"$\gamma$", "kN/m3", 1e3),
+    "softening_modulus": ParameterLabel("softening modulus", "$H$", "kPa", 1e3),
+    "residual_cohesion": ParameterLabel("residual cohesion", "$c_r$", "kPa", 1e3),
+    "residual_friction": ParameterLabel("residual friction angle", r"$\varphi_r$", "degrees"),
+    "residual_ratio": ParameterLabel("residual over peak strength", "$r$", "-"),
+    "strain_95": ParameterLabel("plastic strain of 95 % of the loss", r"$\gamma_{95}$", "-"),
+    "softening_strain": ParameterLabel("plastic strain of the loss", r"$\gamma_r$", "-"),
+    "rate_coefficient": ParameterLabel("rise of strength per tenfold rate", r"$\mu$", "-"),
+    "viscosity": ParameterLabel("plastic viscosity", r"$\eta$", "Pa s"),
 }
 
 
-def quantity(name: str) -> Quantity:
+def quantity(name: str) -> ParameterLabel:
     """How a parameter is drawn; one that a law of the user's own has, by its name and in its own unit.
 
     Args:
@@ -85,7 +85,7 @@ def quantity(name: str) -> Quantity:
     Returns:
         Its word, symbol and unit.
     """
-    return QUANTITIES.get(name, Quantity(name.replace("_", " "), "", "in its own unit"))
+    return QUANTITIES.get(name, ParameterLabel(name.replace("_", " "), "", "in its own unit"))
 
 
 def parameter_fields(name: str, sections: Mapping[str, Section], fields: Mapping[str, np.ndarray]) -> Figure:

@@ -32,7 +32,7 @@ from cooperative.runs._processes import ATTEMPTS, P, T, WorkerLost, stop_wanted
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import Campaign
-from cooperative.store import Sample
+from cooperative.store import FinishedRun
 from jaxmpm.support.pytrees import PYTREES, pytree
 
 LOST = "WORKER_LOST"
@@ -128,7 +128,7 @@ def run_sample(
     stop_at: float | None,
     slides: bool = False,
     folder: Path | None = None,
-) -> Sample | None:
+) -> FinishedRun | None:
     """Run one sample of a campaign on one of its grids; what a worker does.
 
     Args:
@@ -241,7 +241,7 @@ def run_through(
     slides: bool = False,
     folder: Path | None = None,
     check: Callable[[], None] = lambda: None,
-) -> Iterator[Sample]:
+) -> Iterator[FinishedRun]:
     """Run the samples with these numbers, rows of `coefficients`, through an executor; yields each as it ends.
 
     Numbers are drawn one by one as places become free. A sample whose worker was killed, or whose executor broke, may
@@ -266,7 +266,7 @@ def run_through(
     waiting = iter(numbers)
     suspects: deque[int] = deque()
     deaths: Counter[int] = Counter()
-    pending: dict[Future[Sample | None], int] = {}
+    pending: dict[Future[FinishedRun | None], int] = {}
     alone, broken, refused = workers.count == 1, False, 0
     # The estimator chooses refined samples by what is known, so none of these may wait.
     places = workers.count + (0 if grid == "refined" else workers.ahead)
@@ -315,7 +315,7 @@ def run_through(
                 if again:
                     suspects.append(number)
                     continue
-                sample = Sample(number, LOST, 0, 0.0, np.zeros(0), {"displacement": 0.0, "broke_off": True})
+                sample = FinishedRun(number, LOST, 0, 0.0, np.zeros(0), {"displacement": 0.0, "broke_off": True})
             if sample is None:
                 submit(number, campaign)
             else:

@@ -22,7 +22,7 @@ from pydantic import ConfigDict, TypeAdapter, with_config
 from cooperative.measure import ColumnPlan
 from cooperative.runs._model import GridModel
 from cooperative.runs._sampling import samples_of
-from cooperative.store import Record, Rows, Store, read_rows
+from cooperative.store import Rows, RunRecord, Store, read_rows
 from jaxmpm import Face
 from jaxmpm import ground as shapes
 from jaxmpm.support import files, hdf5
@@ -221,7 +221,7 @@ def rows_reader(
     return partial(read_rows, store, foreign=partial(_foreign, samples, ground), check=check)
 
 
-def _foreign(samples: int | None, ground: StoredGround | None, run: Record) -> str | None:
+def _foreign(samples: int | None, ground: StoredGround | None, run: RunRecord) -> str | None:
     """What a run holds that a campaign of so many samples does not have; None if nothing."""
     if samples is not None and run.number >= samples:
         return f"is of a sample that the scene, with {samples}, does not have"

@@ -19,7 +19,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cooperative.measure import Motion
+from cooperative.measure import ReleaseHistory
 from cooperative.store import restart_path
 from jaxmpm import State, load_state, save_state
 from jaxmpm.run import Midway
@@ -80,7 +80,7 @@ class RestartPoint:
     """
 
     midway: Midway
-    motion: Motion
+    motion: ReleaseHistory
     frames: Frames
     seconds: float
 
@@ -116,7 +116,7 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
 
 
 def read_restart(
-    folder: Path, grid: str, number: int, digest: str, *, like: State, start: Motion
+    folder: Path, grid: str, number: int, digest: str, *, like: State, start: ReleaseHistory
 ) -> RestartPoint | None:
     """The restart point of a sample, or None where there is none: the run starts afresh.
 

@@ -13,11 +13,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cooperative.measure import FailureMode, ModeRules, Motion, consequences, exceeded, failure_mode, walls_reached
+from cooperative.measure import (
+    FailureMode,
+    ModeRules,
+    ReleaseHistory,
+    consequences,
+    exceeded,
+    failure_mode,
+    walls_reached,
+)
 from cooperative.runs._model import GridModel
 from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
-from cooperative.store import MOVING, SLIDES, Sample, Scalar, stored_source
+from cooperative.store import MOVING, SLIDES, FinishedRun, Scalar, stored_source
 from jaxmpm import Face, Result, Status, passing, solve_each
 from jaxmpm.run import Chunk, Early, Midway
 
@@ -41,7 +49,7 @@ def run_samples(
     restart_in: Path | None = None,
     stop: Asked = lambda: False,
     slides: bool = False,
-) -> Iterator[Sample]:
+) -> Iterator[FinishedRun]:
     """Run the samples with these numbers, and yield each as it ends.
 
     Args:
@@ -107,7 +115,7 @@ class _Lane:
     last restart point was written.
     """
 
-    motion: Motion
+    motion: ReleaseHistory
     frames: Frames
     before: float
     written: float
@@ -126,7 +134,7 @@ class _UnderWay:
         self.digest, self.folder = ("", None) if source is None else (source.digest, folder)
         self.model, self.stop, self.stored_as = model, stop, stored_as
         plan, volume = model.campaign.plan, np.asarray(model.scene.particles.volume)
-        self.at_rest = Motion.start(volume, model.campaign.run.failure_displacement)
+        self.at_rest = ReleaseHistory.start(volume, model.campaign.run.failure_displacement)
         self.remembers = self.folder is not None or model.grid in (*model.campaign.modes, *plan.fields)
         self.lanes: dict[int, _Lane] = {}
         self.started, self.stopping, self.busy, self.ended = time.perf_counter(), False, 0, False
@@ -202,9 +210,9 @@ def finished(
     coefficients: np.ndarray,
     result: Result,
     seconds: float,
-    motion: Motion | None = None,
+    motion: ReleaseHistory | None = None,
     frames: Frames | None = None,
-) -> Sample:
+) -> FinishedRun:
     """The record of a run; its mode too, where its past was remembered, and its frames if it failed.
 
     A run that broke off, or a refined one that ended once it had failed, has no consequences, only the displacement it
@@ -267,7 +275,7 @@ def finished(
         row["displacement"] = float(early.projected(np.asarray(row["displacement"], float), time))
     row["time"] = float(result.state.step * result.time_step)
     row |= {} if level is None else {"water_level": level}
-    return Sample(
+    return FinishedRun(
         number=number,
         status=Status(int(result.status)).name,
         steps=int(result.state.step),

@@ -24,11 +24,11 @@ from cooperative.scene._site import Site, SiteLayer, check_seams, check_site
 from cooperative.scene.tables import (
     TAIL,
     Budget,
+    CampaignGrid,
     CrossCorrelation,
     Drawdown,
     Exposed,
     FromScript,
-    Grid,
     Hazard,
     Measured,
     Motion,
@@ -98,8 +98,8 @@ class Campaign(Part):
 
     ground: Any
     soil: Any
-    rough: Grid
-    refined: Grid
+    rough: CampaignGrid
+    refined: CampaignGrid
     plan: Plan
     random: Mapping[str, RandomField] = field(default_factory=dict)
     cross_correlation: CrossCorrelation | None = None
@@ -110,7 +110,7 @@ class Campaign(Part):
     estimator: SkipValidation[Estimator] = TwoPhase()
     hazard: Hazard | None = None
     exposed: tuple[Exposed, ...] = ()
-    coarse: Grid | FromScript | Callable[..., Any] | None = None
+    coarse: CampaignGrid | FromScript | Callable[..., Any] | None = None
     name: str = "campaign"
     measured: Measured = Measured()
     raised: Budget | None = None
@@ -178,7 +178,7 @@ class Campaign(Part):
     @property
     def rank(self) -> Callable[..., Any] | FromScript | None:
         """What ranks the samples in place of a coarse grid, None without."""
-        return None if isinstance(self.coarse, Grid) else self.coarse
+        return None if isinstance(self.coarse, CampaignGrid) else self.coarse
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -243,7 +243,7 @@ class Campaign(Part):
         return {
             name: grid.discretisation(self.run.cfl, self.soil, endless=endless)
             for name, grid in named.items()
-            if isinstance(grid, Grid)
+            if isinstance(grid, CampaignGrid)
         }
 
     @property

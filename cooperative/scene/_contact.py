@@ -15,7 +15,7 @@ STRENGTHS = {"friction": ("friction",), "cohesion": ("cohesion", "strength")}
 """What an interface has, and which parameters of the soil that is."""
 
 
-def on_ground(site: Site, table: tables.Interface, soil: AnySoil) -> Site:
+def on_ground(site: Site, table: tables.InterfaceTable, soil: AnySoil) -> Site:
     """The ground with its interface, whose strength may be that of the soil on it.
 
     Args:

@@ -98,7 +98,7 @@ def _with_examples(scene: dict[str, object]) -> set[str]:
         The keys; none where no value is at fault, or one is that no example can replace.
     """
     try:
-        TypeAdapter(tables.Scene).validate_python(scene)
+        TypeAdapter(tables.SceneTable).validate_python(scene)
     except ValidationError as error:
         found = [_replaced(scene, fault) for fault in error.errors(include_url=False)]
         return set() if None in found else {key for key in found if key is not None}
@@ -111,7 +111,7 @@ def _replaced(scene: dict[str, object], fault: ErrorDetails) -> str | None:
     Returns:
         The key at fault; None where there is no example for it.
     """
-    kind: type[tables.Part] | None = tables.Scene
+    kind: type[tables.Part] | None = tables.SceneTable
     at: object = scene
     for part, following in _steps(fault["loc"]):
         if isinstance(at, Sequence) and not isinstance(at, str) and isinstance(part, int):

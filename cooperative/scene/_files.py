@@ -65,7 +65,7 @@ class Files:
         known = table if isinstance(table, dict) else {}
         return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
 
-    def table(self, terrain: tables.Terrain | None) -> dict[str, object]:
+    def table(self, terrain: tables.TerrainTable | None) -> dict[str, object]:
         """The table `files`: of a raster the part between the walls of [terrain], at its step."""
         content = dict(self.known)
         for name, each in self.known.items():

@@ -41,7 +41,7 @@ BESIDE = 0.02
 """How far below and above the factor of the limit load displacements are taken, over that factor."""
 
 
-class Grid(Protocol):
+class MeasuredGrid(Protocol):
     """A grid of which something is measured, see `runs.GridModel`."""
 
     @property
@@ -49,7 +49,7 @@ class Grid(Protocol):
         """Scene and initial state of the median soil."""
 
 
-def measure(campaign: Campaign, store: Store, terms: Sequence[int], grids: Mapping[str, Grid]) -> Campaign:
+def measure(campaign: Campaign, store: Store, terms: Sequence[int], grids: Mapping[str, MeasuredGrid]) -> Campaign:
     """Measure what the campaign asks for and has not, and keep each number in the database once it is known.
 
     Args:
@@ -94,7 +94,7 @@ def write_measured(store: Store, measured: Measured) -> None:
     store_text(store, MEASURED, json.dumps(numbers))
 
 
-def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibration:
+def factors_of_safety(campaign: Campaign, grids: Mapping[str, MeasuredGrid]) -> Calibration:
     """Factors of safety of the slope of median soil.
 
     Args:
@@ -115,7 +115,7 @@ def factors_of_safety(campaign: Campaign, grids: Mapping[str, Grid]) -> Calibrat
     return Calibration(**factors)
 
 
-def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
+def measure_limit_load(campaign: Campaign, refined: MeasuredGrid) -> LimitLoad:
     """The limit load of the slope of median soil, by strength reduction.
 
     Args:
@@ -137,7 +137,7 @@ def measure_limit_load(campaign: Campaign, refined: Grid) -> LimitLoad:
     return LimitLoad(result.kink, displacement, volume, result.sharpness, result.local)
 
 
-def unshaken(grid: Grid) -> tuple[Scene, State]:
+def unshaken(grid: MeasuredGrid) -> tuple[Scene, State]:
     """Scene and initial state of the median soil, whose base does not move: a factor of safety is of a steady load.
 
     Args:

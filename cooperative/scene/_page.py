@@ -18,12 +18,14 @@ from jaxmpm.support.files import write_aside
 
 TABLES: Mapping[str, type[tables.Part]] = {
     name: table
-    for name, field in tables.keys(tables.Scene).items()
+    for name, field in tables.keys(tables.SceneTable).items()
     if name not in tables.STORED and (table := tables.table_in(field)) is not None
 }
 """The tables that a scene may have, by name."""
 SEVERAL = tuple(
-    name for name in TABLES if any(get_origin(part) is list for part in tables.parts(tables.keys(tables.Scene)[name]))
+    name
+    for name, field in tables.keys(tables.SceneTable).items()
+    if any(get_origin(part) is list for part in tables.parts(field))
 )
 """Tables of which there may be several: `[[layer]]`."""
 BEGIN = f"""# Scenes: every key
@@ -120,17 +122,17 @@ seed = 1
 def json_schema() -> dict[str, object]:
     """JSON schema (draft 2020-12) of a scene, in which a description gives unit and default in words too."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    schema = copy.deepcopy(tables.schema_of(tables.Scene))
+    schema = copy.deepcopy(tables.schema_of(tables.SceneTable))
     definitions = schema["$defs"]
     # A layer takes from [soil] what it leaves out.
-    layer = json.loads(json.dumps(definitions["Layer"]).replace("/RandomField", "/RandomFieldOfLayer"))
+    layer = json.loads(json.dumps(definitions["LayerTable"]).replace("/RandomField", "/RandomFieldOfLayer"))
     field = copy.deepcopy(definitions["RandomField"])
     del field["properties"]["sampled_at"], field["required"], layer["required"]
-    inherited = [layer["properties"][name] for name in definitions["Soil"]["properties"]]
+    inherited = [layer["properties"][name] for name in definitions["SoilTable"]["properties"]]
     for key in (*inherited, *field["properties"].values()):
         key.pop("default", None)
         key["otherwise"] = "that of [soil]"
-    definitions |= {"Layer": layer, "RandomFieldOfLayer": field}
+    definitions |= {"LayerTable": layer, "RandomFieldOfLayer": field}
     return {**head, **_plain(schema)}
 
 
@@ -156,7 +158,7 @@ def markdown() -> str:
     explained: list[object] = []
     for section, table in TABLES.items():
         brackets = 2 if section in SEVERAL else 1
-        description = tables.keys(tables.Scene)[section].description
+        description = tables.keys(tables.SceneTable)[section].description
         words = " ".join((description or tables.schema_of(table)["description"]).split())
         parts += [f"## `{'[' * brackets}{section}{']' * brackets}`\n", words + "\n"]
         schema = tables.schema_of(table)
@@ -164,7 +166,7 @@ def markdown() -> str:
             continue
         explained.append(schema["properties"])
         parts += ["| key | what | unit | default | range | example |", "|---|---|---|---|---|---|"]
-        left_out = tables.keys(tables.Soil) if table is tables.Layer else ()
+        left_out = tables.keys(tables.SoilTable) if table is tables.LayerTable else ()
         parts += [
             _row(name, part, _allowed(table, name, part), required=name in schema.get("required", ()))
             for name, part in schema["properties"].items()

@@ -33,7 +33,7 @@ PathOf = Callable[[str], Path]
 
 
 def soils_of(
-    scene: tables.Scene, layers: list[Mapping[str, object]], ground: Site
+    scene: tables.SceneTable, layers: list[Mapping[str, object]], ground: Site
 ) -> tuple[Soil | FrictionalSoil | None, Random, tuple[SiteLayer, ...]]:
     """The soil of a scene with what varies in it, and the layers that the scene draws.
 
@@ -77,7 +77,7 @@ def _subject(fault: ValueError | str, table: Path) -> object:
 
 
 def _soil_of(
-    table: tables.Soil, where: Path, ground: Site, of_strength: Path | None = None
+    table: tables.SoilTable, where: Path, ground: Site, of_strength: Path | None = None
 ) -> tuple[Soil | FrictionalSoil, dict[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
@@ -119,7 +119,7 @@ def _soil_of(
 
 
 def _layer_of(
-    scene: tables.Scene, number: int, written: Mapping[str, object], random: Random, ground: Site
+    scene: tables.SceneTable, number: int, written: Mapping[str, object], random: Random, ground: Site
 ) -> SiteLayer:
     """A layer of a scene: its soil, the fields of what varies in it, and the parameters whose field stops at it.
 
@@ -141,7 +141,7 @@ def _layer_of(
     return SiteLayer(table.name or f"layer {number + 1}", layer, varying, table.rock, stops, table.top)
 
 
-def _check_through(scene: tables.Scene, path: Path, field: RandomField, whole: RandomField | None) -> None:
+def _check_through(scene: tables.SceneTable, path: Path, field: RandomField, whole: RandomField | None) -> None:
     """Raise Invalid for a distribution in a layer that a field through all layers, `whole`, cannot have there."""
     if whole is None:
         raise Invalid(
@@ -165,7 +165,7 @@ def _means(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value.mean if isinstance(value, RandomField) else value for name, value in values.items()}
 
 
-def _rock(table: tables.Layer) -> Soil | FrictionalSoil:
+def _rock(table: tables.LayerTable) -> Soil | FrictionalSoil:
     """Soil like that of the table at its means that does not yield: its strength is its Young's modulus."""
     values = _means(table.values) | {"unusual": True}
     frictional = is_frictional(values)

@@ -50,15 +50,15 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
             values out of range.
     """
     source = source_of(asked)
-    scene = tables.read(tables.Scene, source.tables, files=Files.of(source.tables.get("files")))
+    scene = tables.read(tables.SceneTable, source.tables, files=Files.of(source.tables.get("files")))
     if scene.sweep is not None or scene.scenario is not None:
         table = "[[scenario]]" if scene.sweep is None else "[sweep]"
         raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it by `jaxmpm sweep`")
-    with tables.in_words(tables.Scene, source.tables):
+    with tables.in_words(tables.SceneTable, source.tables):
         return _campaign(scene, source, estimator)
 
 
-def _campaign(scene: tables.Scene, source: Source, estimator: Estimator | None) -> Campaign:
+def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | None) -> Campaign:
     """The campaign of a scene, whose estimator that of a script replaces."""
     given = _given(scene, table_of(source.tables, "campaign"), estimator)
     if given is not None and scene.estimator is None:
@@ -83,7 +83,7 @@ def _campaign(scene: tables.Scene, source: Source, estimator: Estimator | None) 
     gathered.raise_all()
     site = replace(ground, layers=layers)
     soil = site.representative(whole)
-    if (contact := None if isinstance(table, tables.Slope) else table.contact) is not None:
+    if (contact := None if isinstance(table, tables.SlopeTable) else table.contact) is not None:
         of_contact = fields_of(
             vars(contact), lambda name: (where, "interface", name), span=ground.span,
             downhill=getattr(ground.shape, "downhill", 1), home="[soil]", unusual=scene.unusual,
@@ -155,9 +155,9 @@ def with_files(text: str, folder: Path, *, outside: bool) -> Source:
     if "files" in source.tables:
         return source
     files = Files({}, folder, _origin(source.tables), outside)
-    scene = tables.read(tables.Scene, source.tables, files=files)
+    scene = tables.read(tables.SceneTable, source.tables, files=files)
     for variant in variants_of(source.tables):
-        tables.read(tables.Scene, variant.tables, files=files)  # it may name files of its own
+        tables.read(tables.SceneTable, variant.tables, files=files)  # it may name files of its own
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
 
 
@@ -223,11 +223,11 @@ def rested(campaign: Campaign, time: float | None = None) -> Campaign:
     return at_time(campaign, time)
 
 
-def _site(scene: tables.Scene, table: tables.Slope | tables.Ground | tables.Terrain) -> Site:
+def _site(scene: tables.SceneTable, table: tables.SlopeTable | tables.GroundTable | tables.TerrainTable) -> Site:
     """The ground of a scene, without its layers and its interface; ValueError for lines that will not do."""
-    if isinstance(table, tables.Slope):
+    if isinstance(table, tables.SlopeTable):
         return Site(tables.made(Slope, table), table.y_ends)
-    if isinstance(table, tables.Ground):
+    if isinstance(table, tables.GroundTable):
         ask_for_origin_of_section(table.surface)
         section = tables.made(Section, table, interface=None)
         section.check()
@@ -298,7 +298,7 @@ def check_modes(table: tables.PlanAndEstimator, *, has_toe: bool) -> None:
         raise Invalid(path, value, "asks for modes, which only a slope with its toe has", remedy)
 
 
-def _given(scene: tables.Scene, keys: Mapping[str, object], estimator: Estimator | None) -> str | None:
+def _given(scene: tables.SceneTable, keys: Mapping[str, object], estimator: Estimator | None) -> str | None:
     """How an estimator describes itself that the scene does not name; None where the scene names its own."""
     stored = None if scene.estimator is None else scene.estimator.given
     if estimator is None:

@@ -24,7 +24,7 @@ Keys = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
-class Path:
+class KeyPath:
     """Where a key of a scene stands.
 
     Args:
@@ -59,7 +59,7 @@ class Path:
         return node
 
 
-def path_of(scene: Mapping[str, object], name: str) -> Path:
+def path_of(scene: Mapping[str, object], name: str) -> KeyPath:
     """The path of a key.
 
     Args:
@@ -73,7 +73,7 @@ def path_of(scene: Mapping[str, object], name: str) -> Path:
     if parts[0] in FIXED:
         raise ValueError(f"{shown(name)} is no key that samples in common can differ in: leave it out")
     keys: Keys = ()
-    owner: type[tables.Part] = tables.Scene
+    owner: type[tables.Part] = tables.SceneTable
     left = list(parts)
     while left:
         key = left.pop(0)
@@ -82,7 +82,7 @@ def path_of(scene: Mapping[str, object], name: str) -> Path:
             break
         keys = (*keys, key)
         if not left:
-            return Path(keys, owner)
+            return KeyPath(keys, owner)
         inner = tables.table_in(field)
         if inner is None:
             break
@@ -93,7 +93,7 @@ def path_of(scene: Mapping[str, object], name: str) -> Path:
     raise _unknown(scene, name)
 
 
-def number_at(scene: Mapping[str, object], name: str) -> Path:
+def number_at(scene: Mapping[str, object], name: str) -> KeyPath:
     """The path of a key that is a number.
 
     Args:
@@ -187,7 +187,7 @@ def _unknown(scene: Mapping[str, object], name: str) -> ValueError:
 
 def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
     """Paths of all keys that a scene may have, with the names of its layers."""
-    for name, field in tables.keys(tables.Scene).items():
+    for name, field in tables.keys(tables.SceneTable).items():
         table = tables.table_in(field)
         if name in FIXED or table is None:
             continue

@@ -25,7 +25,7 @@ from cooperative.store._opened import (
     stored_text,
 )
 from cooperative.store._runs import fields_path, read_rows, read_sample, restart_path, write_sample
-from cooperative.store._samples import COARSE, MOVING, SLIDES, Record, Rows, Sample, Store, mixed_versions
+from cooperative.store._samples import COARSE, MOVING, SLIDES, FinishedRun, Rows, RunRecord, Store, mixed_versions
 from cooperative.store._source import SCRIPTS, Source, scene_digest, source_from, table_of, tables_of
 from jaxmpm.support.files import DamagedFile, own_folder, write_aside
 from jaxmpm.support.hdf5 import Scalar
@@ -43,9 +43,9 @@ __all__ = [
     "SLIDES_END",
     "SUMMARY",
     "DamagedFile",
-    "Record",
+    "FinishedRun",
     "Rows",
-    "Sample",
+    "RunRecord",
     "Scalar",
     "Source",
     "Store",

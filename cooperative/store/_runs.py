@@ -28,7 +28,7 @@ from cooperative.names import GRIDS
 from cooperative.store import _database as sql
 from cooperative.store import _samples
 from cooperative.store._database import Row, Value
-from cooperative.store._samples import COARSE, SLIDES, Record, Rows, Sample, Store, rows_of
+from cooperative.store._samples import COARSE, SLIDES, FinishedRun, Rows, RunRecord, Store, rows_of
 from jaxmpm.support import files, hdf5
 from jaxmpm.support.files import DamagedFile
 from jaxmpm.support.text import printable, shown
@@ -70,7 +70,7 @@ def restart_path(folder: str | Path, grid: str, number: int) -> Path:
     return Path(folder) / "restart" / f"{grid}-{number:06d}.h5"
 
 
-def write_sample(store: Store, grid: str, sample: Sample, *, longer: bool = False) -> None:
+def write_sample(store: Store, grid: str, sample: FinishedRun, *, longer: bool = False) -> None:
     """Store one finished sample, whole or not at all; its restart point is removed.
 
     Args:
@@ -106,7 +106,7 @@ def write_sample(store: Store, grid: str, sample: Sample, *, longer: bool = Fals
     restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
 
 
-def row_of(store: Store, grid: str, sample: Sample) -> tuple[dict[str, str], dict[str, Value]]:
+def row_of(store: Store, grid: str, sample: FinishedRun) -> tuple[dict[str, str], dict[str, Value]]:
     """The columns of a sample, and its row, whose file of fields is written.
 
     Raises ValueError for a scalar that is none, or of another type than its column.
@@ -139,7 +139,7 @@ def row_of(store: Store, grid: str, sample: Sample) -> tuple[dict[str, str], dic
     return columns, row | {"sha256": sql.checksum(store.digest, row)}
 
 
-def _write_fields(store: Store, grid: str, sample: Sample) -> str:
+def _write_fields(store: Store, grid: str, sample: FinishedRun) -> str:
     """Write the file of a sample's fields; its SHA-256."""
     # HDF5's own driver hides that a disk is full.
     image = io.BytesIO()
@@ -156,7 +156,7 @@ def read_rows(
     store: Store | str | Path,
     grid: str = "refined",
     *,
-    foreign: Callable[[Record], str | None] = lambda record: None,
+    foreign: Callable[[RunRecord], str | None] = lambda record: None,
     check: Callable[[], None] = lambda: None,
 ) -> Rows:
     """Read every finished sample of one grid.
@@ -187,11 +187,11 @@ def read_rows(
 
         path = Path(store)
         store = read_store(path.parent if path.name == sql.DATABASE else path)
-    records, bad = dict[int, Record](), dict[tuple[Value, Value], str]()
+    records, bad = dict[int, RunRecord](), dict[tuple[Value, Value], str]()
     folder = store.folder / FIELDS
     there = set(os.listdir(folder)) if folder.is_dir() and not folder.is_symlink() else set[str]()
 
-    def trusted(row: Row) -> Record:
+    def trusted(row: Row) -> RunRecord:
         record = _record(store.digest, columns, row)
         if (path := _file_of(store, row)) is not None and path.name not in there:
             raise DamagedFile(f"lacks its file {path.name}")
@@ -224,7 +224,7 @@ def read_rows(
     return rows_of(list(records.values()), tuple(bad.values()))
 
 
-def read_sample(store: Store, grid: str, number: int) -> Sample:
+def read_sample(store: Store, grid: str, number: int) -> FinishedRun:
     """Read one sample and verify it, a refined one to the end of its slide where it has one.
 
     Args:
@@ -246,7 +246,7 @@ def read_sample(store: Store, grid: str, number: int) -> Sample:
     row = dict(zip(columns, values, strict=True))
     try:
         record, path = _record(store.digest, columns, row), _file_of(store, row)
-        return Sample(
+        return FinishedRun(
             number=number,
             status=record.status,
             steps=record.steps,
@@ -290,7 +290,7 @@ def read_fields_file(path: Path) -> bytes:
     return files.read_plain(path)
 
 
-def _record(digest: str, columns: Mapping[str, str], row: Row) -> Record:
+def _record(digest: str, columns: Mapping[str, str], row: Row) -> RunRecord:
     """The record in a row; DamagedFile if it cannot be trusted."""
     if row["sha256"] != sql.checksum(digest, row):
         raise DamagedFile("does not match its checksum")
@@ -303,7 +303,7 @@ def _record(digest: str, columns: Mapping[str, str], row: Row) -> Record:
     }
     terms, versions = len(there["coefficients"]) // 8, _versions(there["versions"])
     number, status, steps, seconds = (there[name] for name in ("sample", "status", "steps", "seconds"))
-    return Record(number, status, steps, seconds, measured, terms, there["written"], versions)
+    return RunRecord(number, status, steps, seconds, measured, terms, there["written"], versions)
 
 
 def _may_hold(name: str, kind: str, value: Value) -> bool:

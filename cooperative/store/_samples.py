@@ -98,8 +98,8 @@ class Store:
 
 
 @dataclass(frozen=True)
-class Record:
-    """A finished sample without its arrays, see `Sample`.
+class RunRecord:
+    """A finished sample without its arrays, see `FinishedRun`.
 
     Args:
         number: of the sample.
@@ -123,7 +123,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Sample:
+class FinishedRun:
     """One finished sample on one grid.
 
     Args:
@@ -190,7 +190,7 @@ class Rows:
         return {n: (float(u), bool(b)) for n, u, b in zip(self.numbers, *columns, strict=True)}
 
 
-def rows_of(samples: list[Record], damaged: tuple[str, ...] = ()) -> Rows:
+def rows_of(samples: list[RunRecord], damaged: tuple[str, ...] = ()) -> Rows:
     """The table of these samples."""
     samples = sorted(samples, key=lambda sample: sample.number)
     columns = {

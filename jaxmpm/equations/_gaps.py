@@ -34,7 +34,7 @@ REACHES = 0.25
 """Share of a cell from which soil in it joins the cell beyond it; with less, in proportion."""
 
 
-class Ground(NamedTuple):
+class GroundPlanes(NamedTuple):
     """A plane of nodes on rigid ground along which soil shears or slides, or all planes of nodes but the last.
 
     Args:
@@ -210,7 +210,7 @@ def shifted(field: Array, levels: int, axis: int) -> Array:
     return jax.lax.slice_in_dim(jnp.pad(field, ends), first, first + size, axis=axis)
 
 
-def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[Ground]:
+def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[GroundPlanes]:
     """Walls that hold soil along themselves, and ground of any shape, whose next nodes lie above.
 
     Args:
@@ -221,12 +221,12 @@ def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[Ground]:
     boundary = scene.boundary
     for wall in boundary.walls:
         if wall.hold == "fixed" or (wall.hold == "friction" and not sticking):
-            yield Ground(wall.axis, (wall.index, wall.index + 1), 1 if wall.side == "low" else -1)
+            yield GroundPlanes(wall.axis, (wall.index, wall.index + 1), 1 if wall.side == "low" else -1)
     on_ground = boundary.cut
     if boundary.base is not None and not sticking:
         on_base = jnp.any(boundary.base.normal != 0, axis=1)
         on_ground = on_base if on_ground is None else on_ground | on_base
     if on_ground is not None:
         upright, field = scene.grid.dimension - 1, on_ground.reshape(scene.grid.shape)
-        ground = Ground(upright, (0, field.shape[upright] - 1), 1)
+        ground = GroundPlanes(upright, (0, field.shape[upright] - 1), 1)
         yield ground._replace(held=ground.of(field) & ~ground.of(field, 1))

@@ -15,7 +15,7 @@ from jaxmpm.seepage._boundary import (
     open_face,
 )
 from jaxmpm.seepage._cells import Cells, Faces, Side, cells, cells_under
-from jaxmpm.seepage._march import Flow, Record, Status, hydrostatic, infiltration, replay, run, steady
+from jaxmpm.seepage._march import Flow, FlowRecord, FlowStatus, hydrostatic, infiltration, replay, run, steady
 from jaxmpm.seepage._rest import suction_pressure, with_pressure
 from jaxmpm.seepage._sample import Heads
 from jaxmpm.seepage._series import RATES, TIMES, quantity, read_hyetograph, read_levels
@@ -45,6 +45,8 @@ __all__ = [
     "Draining",
     "Faces",
     "Flow",
+    "FlowRecord",
+    "FlowStatus",
     "Gardner",
     "Heads",
     "HeadsAt",
@@ -54,11 +56,9 @@ __all__ = [
     "PressureInTime",
     "PressureTable",
     "Problem",
-    "Record",
     "Retention",
     "Series",
     "Side",
-    "Status",
     "TableHeads",
     "VanGenuchten",
     "cells",

@@ -35,7 +35,7 @@ STEADY_STEPS = 60
 """Most growing steps towards the steady state."""
 
 
-class Status(enum.IntEnum):
+class FlowStatus(enum.IntEnum):
     """How the flow of a lane ended."""
 
     RUNNING = 0
@@ -44,7 +44,7 @@ class Status(enum.IntEnum):
     OUT_OF_STEPS = 3
 
 
-class Record(NamedTuple):
+class FlowRecord(NamedTuple):
     """One row a step; unused rows are 0.
 
     Args:
@@ -73,7 +73,7 @@ class Flow:
         problem: that was solved.
         times: (n,) s.
         head: pressure heads (n, ...) m of the cells; of times that were not reached those of the last step.
-        status: () of `Status`.
+        status: () of `FlowStatus`.
         record: what each step did.
         steps: () number of steps.
         tries: () number of steps with those that were done anew.
@@ -86,7 +86,7 @@ class Flow:
     times: Array
     head: Array
     status: Array
-    record: Record
+    record: FlowRecord
     steps: Array
     tries: Array
     reached: Array
@@ -120,7 +120,7 @@ class Flow:
         Raises:
             ValueError: If it did not reach its end, in any lane: where, when, and what to change.
         """
-        failed = np.flatnonzero(np.atleast_1d(np.asarray(self.status)) != Status.DONE)
+        failed = np.flatnonzero(np.atleast_1d(np.asarray(self.status)) != FlowStatus.DONE)
         if not failed.size:
             return self
         lane = int(failed[0])
@@ -130,7 +130,7 @@ class Flow:
         cells = self.problem.cells
         at = ", ".join(f"{x:.4g}" for x in cells.centres().reshape(len(cells.shape), -1)[:, int(worst)])
         of = f" in lane {lane} ({failed.size} lanes failed)" if np.ndim(self.status) else ""
-        if status == Status.OUT_OF_STEPS:
+        if status == FlowStatus.OUT_OF_STEPS:
             raise ValueError(
                 f"the flow took all of its max_steps to {time:.4g} s, {int(steps)} of them good{of}: raise max_steps "
                 "or the tolerance"
@@ -292,7 +292,7 @@ class _State(NamedTuple):
     output: Array
     reached: Array
     status: Array
-    record: Record
+    record: FlowRecord
     steps: Array
     tries: Array
     worst: Array
@@ -315,7 +315,7 @@ def _run(
     dtype = head.dtype
 
     def running(state: _State) -> Array:
-        return (state.status == Status.RUNNING) & (state.tries < max_steps)
+        return (state.status == FlowStatus.RUNNING) & (state.tries < max_steps)
 
     def step(state: _State) -> _State:
         end = stops[state.stop]
@@ -335,7 +335,7 @@ def _run(
         longer = jnp.where(h < state.step, jnp.maximum(state.step, factor * h), factor * h)
         next_step = jnp.where(good, longer, jnp.where(solves, factor, CUT) * h)
         offered = sum((c.offered(state.time, until) for c in problem.conditions), jnp.zeros((), dtype))
-        row = Record(
+        row = FlowRecord(
             h,
             h * offered,
             h * solution.entered,
@@ -348,8 +348,8 @@ def _run(
         arrived = good & (until == end)
         out = jnp.where(arrived & (number[state.stop] >= 0), number[state.stop], outputs)
         steps = state.steps + good
-        status = jnp.where(~solves & tiny, Status.NO_CONVERGENCE, Status.RUNNING)
-        status = jnp.where(arrived & (state.stop == len(stops) - 1), Status.DONE, status)
+        status = jnp.where(~solves & tiny, FlowStatus.NO_CONVERGENCE, FlowStatus.RUNNING)
+        status = jnp.where(arrived & (state.stop == len(stops) - 1), FlowStatus.DONE, status)
         return _State(
             time=jnp.where(good, until, state.time),
             step=next_step,
@@ -378,14 +378,14 @@ def _run(
         stop=zero,
         output=jnp.broadcast_to(head, (outputs, *head.shape)),
         reached=jnp.zeros(outputs, zero.dtype),
-        status=jnp.full_like(zero, Status.RUNNING),
-        record=Record(*(jnp.zeros(max_steps, dtype) for _ in Record._fields)),
+        status=jnp.full_like(zero, FlowStatus.RUNNING),
+        record=FlowRecord(*(jnp.zeros(max_steps, dtype) for _ in FlowRecord._fields)),
         steps=zero,
         tries=zero,
         worst=zero,
     )
     done = jax.lax.while_loop(running, step, begun)
-    status = jnp.where(done.status == Status.RUNNING, Status.OUT_OF_STEPS, done.status)
+    status = jnp.where(done.status == FlowStatus.RUNNING, FlowStatus.OUT_OF_STEPS, done.status)
     return Flow(
         problem, stops, done.output, status, done.record, done.steps, done.tries, done.reached, done.time, done.worst
     )

@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
-from jaxmpm.protocols import Kernel, Material, Water
+from jaxmpm.protocols import Kernel, Material, PrescribedWater
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
@@ -221,7 +221,7 @@ def check_tied(
 
 
 def check_water(
-    water: Water | None,
+    water: PrescribedWater | None,
     pore_pressure: ArrayLike | None,
     material: Material,
     particles: Particles,

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmpm.laws import BaseMotion
-from jaxmpm.protocols import Motion
+from jaxmpm.protocols import PrescribedMotion
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check, files
 from jaxmpm.support.table import MOST_BYTES, Table, decoded, number, scale_of, table_of
@@ -217,7 +217,7 @@ def pseudo_static(gravity: float, k_h: float, k_v: float, dimension: int) -> tup
     return (k_h * gravity, *(0.0,) * (dimension - 2), -(1 - k_v) * gravity)
 
 
-def check_motion(motion: Motion, dimension: int) -> None:
+def check_motion(motion: PrescribedMotion, dimension: int) -> None:
     """Raise ValueError for an invalid motion of the base of a scene with this many axes."""
     if not isinstance(motion, BaseMotion):
         raise ValueError(f"motion = {shown(motion)}: give a BaseMotion, or None")

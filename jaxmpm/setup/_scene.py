@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import BaseMotion, frictional, remembers_gap
-from jaxmpm.protocols import Material, Motion
+from jaxmpm.protocols import Material, PrescribedMotion
 from jaxmpm.setup._choices import (
     check_boundary,
     check_engine,
@@ -162,7 +162,7 @@ def scene(
     return built
 
 
-def _check_time_step(scene: Scene, motion: Motion | None) -> None:
+def _check_time_step(scene: Scene, motion: PrescribedMotion | None) -> None:
     """Raise ValueError for damping that a time step takes too far; warn of a record that it skips parts of."""
     if check.is_traced(scene.numerics.time_step):
         return

@@ -212,3 +212,13 @@ def test_repetition_is_seen_however_it_is_laid_out(tmp_path):
         (tmp_path / f"{name}.py").write_text(text)
     rooms = {name: [tmp_path / f"{name}.py"] for name in ("one", "two")}
     assert len(repeated(rooms, 6)) == 1
+
+
+def test_no_class_name_stands_twice_in_the_packages():
+    places = defaultdict(list)
+    for path in MODULES:
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(path.relative_to(ROOT))
+    twice = {name: paths for name, paths in places.items() if len(paths) > 1}
+    assert not twice, f"each of these names stands for several things: {twice}"

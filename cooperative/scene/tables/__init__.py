@@ -1,7 +1,7 @@
 """The tables of a scene, each declared once: type, unit, range, default, meaning and example of every key."""
 
-from cooperative.scene.tables._campaign import Grid, Plan, PlanAndEstimator
-from cooperative.scene.tables._ground import Ground, Interface, Slope, Surface, Terrain, Water
+from cooperative.scene.tables._campaign import CampaignGrid, Plan, PlanAndEstimator
+from cooperative.scene.tables._ground import GroundTable, InterfaceTable, SlopeTable, Surface, TerrainTable, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import EXTRAS, FromScript, Part, keys, made, table
 from cooperative.scene.tables._level import RandomLevel
@@ -18,9 +18,9 @@ from cooperative.scene.tables._reading import (
     wanted,
 )
 from cooperative.scene.tables._run import Run
-from cooperative.scene.tables._scene import SITES, STORED, Scene
+from cooperative.scene.tables._scene import SITES, STORED, SceneTable
 from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, Seepage
-from cooperative.scene.tables._soil import Layer, Soil, is_frictional
+from cooperative.scene.tables._soil import LayerTable, SoilTable, is_frictional
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured
 from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep
 from cooperative.scene.tables._varying import (
@@ -29,8 +29,8 @@ from cooperative.scene.tables._varying import (
     LIMITS,
     MARGINALS,
     TAIL,
-    Bedding,
     CrossCorrelation,
+    InclinedStrata,
     RandomField,
     Span,
     check_cross_correlation,
@@ -49,20 +49,20 @@ __all__ = [
     "SITES",
     "STORED",
     "TAIL",
-    "Bedding",
     "Budget",
     "Calibration",
+    "CampaignGrid",
     "CrossCorrelation",
     "Drawdown",
     "Exposed",
     "FromScript",
-    "Grid",
-    "Ground",
+    "GroundTable",
     "Hazard",
     "HydraulicLayer",
     "Hydraulics",
-    "Interface",
-    "Layer",
+    "InclinedStrata",
+    "InterfaceTable",
+    "LayerTable",
     "LimitLoad",
     "LongerSlides",
     "Measured",
@@ -75,15 +75,15 @@ __all__ = [
     "RandomLevel",
     "Run",
     "Scenario",
-    "Scene",
+    "SceneTable",
     "Schema",
     "Seepage",
-    "Slope",
-    "Soil",
+    "SlopeTable",
+    "SoilTable",
     "Span",
     "Surface",
     "Sweep",
-    "Terrain",
+    "TerrainTable",
     "Water",
     "check_cross_correlation",
     "first_entry",

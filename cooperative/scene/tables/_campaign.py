@@ -41,7 +41,7 @@ MODES = {"refined": ("refined",), "both": ("rough", "refined")}
 
 
 @table
-class Grid(Part):
+class CampaignGrid(Part):
     """The grid of the screening, on which every sample runs."""
 
     cell: Length = key("Edge of a cell of the background grid.", 2.0, synonyms="h dx cell_size grid_size mesh_size")

@@ -36,7 +36,7 @@ _WALLS = "two numbers, the lower one first"
 
 
 @table
-class Slope(Part):
+class SlopeTable(Part):
     """A simple slope, without layers and without water: draw a `[ground]` for these.
 
     x = 0 is its rear wall, z = 0 its base; the toe lies at x = `crest` + `height` * `run_per_rise`. Lengths are
@@ -56,7 +56,7 @@ class Slope(Part):
 
 
 @table
-class Interface(Part):
+class InterfaceTable(Part):
     """Strength of the contact of soil with the base."""
 
     friction: OrTable[Annotated[float, Within(soil_limits()["friction"])] | Literal["soil"], RandomField] = key(
@@ -98,16 +98,16 @@ class _OnBase(Part):
     """Ground on a rigid base, or bedrock."""
 
     @property
-    def contact(self) -> Interface | None:
+    def contact(self) -> InterfaceTable | None:
         """Its interface, with the strength of the soil where bedrock has no other; None where soil sticks to it."""
         interface, bedrock = (getattr(self, name) for name in ("interface", "bedrock"))
-        if isinstance(interface, Interface) or interface == "fixed" or (interface is None and bedrock is None):
-            return interface if isinstance(interface, Interface) else None
-        return Interface("soil", "soil")
+        if isinstance(interface, InterfaceTable) or interface == "fixed" or (interface is None and bedrock is None):
+            return interface if isinstance(interface, InterfaceTable) else None
+        return InterfaceTable("soil", "soil")
 
 
 @table
-class Ground(_OnBase):
+class GroundTable(_OnBase):
     """Ground that you draw, a section in plane strain, in place of `[slope]`.
 
     The distance of the walls is a multiple of both cells. A line is a list of points with rising x, `[[x, z], ...]`, or
@@ -151,7 +151,7 @@ class Ground(_OnBase):
         "roller",
         "roller",
     )
-    interface: OrTable[Literal["soil", "fixed"], Interface] | None = CONTACT
+    interface: OrTable[Literal["soil", "fixed"], InterfaceTable] | None = CONTACT
     bedrock: Line | None = key(
         f"Surface of rigid ground above the base, from wall to wall. {CONTACT_OF_BEDROCK} Rock crops out where "
         "the line follows the surface.",
@@ -163,7 +163,7 @@ class Ground(_OnBase):
 
 
 @table
-class Terrain(_OnBase):
+class TerrainTable(_OnBase):
     """Ground under a terrain model, in place of `[slope]`.
 
     Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra `terrain`) beside the scene; one in degrees, in feet or in
@@ -181,7 +181,7 @@ class Terrain(_OnBase):
         units="m",
         otherwise="none: the level base",
     )
-    interface: OrTable[Literal["soil", "fixed"], Interface] | None = CONTACT
+    interface: OrTable[Literal["soil", "fixed"], InterfaceTable] | None = CONTACT
     x: Pair[Metres] | None = key(
         "Walls along x, a multiple of both cells apart.", [0.0, 200.0], None,
         otherwise="the surface's ends, less what is no multiple of both cells",

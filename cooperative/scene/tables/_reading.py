@@ -120,7 +120,7 @@ class _Entry:
         """The table that it is, in words; of no name the scene, or what Python calls it."""
         if self.whole:
             return f"[{self.whole}]"
-        return "the scene" if self.inner is None or self.inner.__name__ == "Scene" else self.inner.__name__
+        return "the scene" if self.inner is None or self.inner.__name__ == "SceneTable" else self.inner.__name__
 
     def __str__(self) -> str:
         if self.inner is not None and (isinstance(self.value, Mapping | Part) or not self.key):

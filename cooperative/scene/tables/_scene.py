@@ -10,14 +10,14 @@ from pydantic import Field
 from pydantic import model_validator as validates
 from pydantic.config import JsonDict
 
-from cooperative.scene.tables._campaign import Grid, PlanAndEstimator
-from cooperative.scene.tables._ground import Ground, Slope, Terrain, Water
+from cooperative.scene.tables._campaign import CampaignGrid, PlanAndEstimator
+from cooperative.scene.tables._ground import GroundTable, SlopeTable, TerrainTable, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
 from cooperative.scene.tables._key import Part, plain_name, table
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._run import Run
 from cooperative.scene.tables._seepage import Drawdown, Rain
-from cooperative.scene.tables._soil import Layer, Soil, with_soil
+from cooperative.scene.tables._soil import LayerTable, SoilTable, with_soil
 from cooperative.scene.tables._stored import Calibration, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
 from cooperative.scene.tables._varying import CrossCorrelation, RandomField
@@ -32,27 +32,27 @@ STORED = ("calibration", "estimator", "files", "limit_load")
 
 
 @table
-class Scene(Part):
+class SceneTable(Part):
     """A scene of jaxmpm."""
 
     SCHEMA: ClassVar[JsonDict] = {"oneOf": [{"required": [site]} for site in SITES]}
 
     name: Annotated[str, plain_name(LONGEST_NAME)] = Field("campaign", description="Title of the campaign.")
-    slope: Slope | None = None
-    ground: Ground | None = None
-    terrain: Terrain | None = None
-    layer: Annotated[list[Layer], MaxLen(MOST_LAYERS)] = Field(default_factory=list)
+    slope: SlopeTable | None = None
+    ground: GroundTable | None = None
+    terrain: TerrainTable | None = None
+    layer: Annotated[list[LayerTable], MaxLen(MOST_LAYERS)] = Field(default_factory=list)
     water: Water | None = None
     rain: Rain | None = None
     drawdown: Drawdown | None = None
-    soil: Soil | None = None
+    soil: SoilTable | None = None
     strength: RandomField | None = None
     cross_correlation: CrossCorrelation | None = None
-    rough: Grid = Field(kw_only=True)
-    refined: Grid = Field(
+    rough: CampaignGrid = Field(kw_only=True)
+    refined: CampaignGrid = Field(
         kw_only=True, description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`."
     )
-    coarse: Grid | None = Field(
+    coarse: CampaignGrid | None = Field(
         None,
         description="A grid coarser than the rough one, on which all samples run first. By their displacement there, "
         "the campaign draws the `rough_samples` that run on the rough grid. Keys as in `[rough]`.",
@@ -101,7 +101,7 @@ class Scene(Part):
         return self
 
     @property
-    def whole_soil(self) -> Soil | None:
+    def whole_soil(self) -> SoilTable | None:
         """That of `[soil]`, with the strength of `[strength]`."""
         return self.soil if self.soil is None or self.strength is None else replace(self.soil, strength=self.strength)
 

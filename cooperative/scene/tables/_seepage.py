@@ -91,7 +91,7 @@ class Quantity(GroupedMetadata):
 
 
 @dataclass(frozen=True)
-class InTime(GroupedMetadata):
+class TimeSeries(GroupedMetadata):
     """Of a type: a quantity, pairs of times and quantities, or the name of a CSV file of them.
 
     Args:
@@ -139,12 +139,12 @@ class InTime(GroupedMetadata):
 
 Time = Annotated[float, Quantity(from_zero("s"))]
 RAIN = Limit(above=-HEAVIEST, most=HEAVIEST, unit="m/s")
-Rate = Annotated[Series, InTime(RAIN, "rain", ', up to 360 mm/h; was mm/h meant? Write "14 mm/h"')]
+Rate = Annotated[Series, TimeSeries(RAIN, "rain", ', up to 360 mm/h; was mm/h meant? Write "14 mm/h"')]
 Conductivity = Annotated[
     float,
     Quantity(Limit(above=0.0, most=COARSEST, unit="m/s"), ', that of clean gravel; was m/day meant? Write "0.9 m/day"'),
 ]
-Level = Annotated[Series, InTime(Limit(unit="m"), "level")]
+Level = Annotated[Series, TimeSeries(Limit(unit="m"), "level")]
 STEADY = Limit(least=0.0, most=HEAVIEST, unit="m/s")
 Steady = Annotated[float, Quantity(STEADY, ', up to 360 mm/h; was mm/h or mm a year meant? Write "300 mm/year"')]
 

@@ -26,8 +26,7 @@ from cooperative.scene.tables._key import (
 )
 from cooperative.scene.tables._varying import RandomField
 from cooperative.store import table_of
-from jaxmpm import FrictionalSoil, PlasticStrain
-from jaxmpm import Soil as UndrainedSoil
+from jaxmpm import FrictionalSoil, PlasticStrain, Soil
 from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
 from jaxmpm.soil import soil_limits
 from jaxmpm.support.check import Invalid, at
@@ -42,7 +41,7 @@ PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 STRENGTHS = ("strength", "strength_ratio", "strength_minimum")
 OF_CLAY, OF_FRICTION = (
     tuple(part.name for part in fields(kind) if part.name not in {other.name for other in fields(beside)})
-    for kind, beside in ((UndrainedSoil, FrictionalSoil), (FrictionalSoil, UndrainedSoil))
+    for kind, beside in ((Soil, FrictionalSoil), (FrictionalSoil, Soil))
 )
 """Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
 OF_ALL_LAYERS = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov")
@@ -57,7 +56,7 @@ def _of(parameter: str) -> Within:
 
 def _default(parameter: str) -> str:
     """The solver's default of what a scene leaves out, in words."""
-    value: Any = getattr(UndrainedSoil, parameter, getattr(FrictionalSoil, parameter, None))
+    value: Any = getattr(Soil, parameter, getattr(FrictionalSoil, parameter, None))
     named = {
         choice: name for choices in (CRITERIA, MATCHINGS, DECAYS, PLASTIC_STRAINS) for name, choice in choices.items()
     }
@@ -65,7 +64,7 @@ def _default(parameter: str) -> str:
 
 
 @table
-class Soil(Part):
+class SoilTable(Part):
     """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction.
 
     A parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`.
@@ -189,7 +188,7 @@ class Soil(Part):
     @property
     def values(self) -> dict[str, Any]:
         """What is given of the soil, by key."""
-        values = {part.name: getattr(self, part.name) for part in fields(Soil)}
+        values = {part.name: getattr(self, part.name) for part in fields(SoilTable)}
         return {name: value for name, value in values.items() if value is not None}
 
     def check_kind(self, home: str) -> None:
@@ -226,7 +225,7 @@ class Soil(Part):
 
 
 @table
-class Layer(Soil):
+class LayerTable(SoilTable):
     """Layers of the drawn ground, one `[[layer]]` each, from the top down.
 
     The last has no lower boundary; all others have one, `bottom`, `raster`, `depth` or `thickness`. A `bottom` that
@@ -285,10 +284,10 @@ def with_soil(layer: Mapping[str, object], scene: Mapping[str, object]) -> dict[
     replaced = (
         () if {"strength", "strength_ratio"}.isdisjoint(layer) else ("strength", "strength_ratio", "strength_minimum")
     )
-    soil = {name: value for name, value in soil.items() if name in keys(Soil) and name not in other}
+    soil = {name: value for name, value in soil.items() if name in keys(SoilTable) and name not in other}
     merged = {name: value for name, value in soil.items() if name not in replaced} | dict(layer)
     for name, value in layer.items():
-        if isinstance(value, dict) and name in keys(Soil):
+        if isinstance(value, dict) and name in keys(SoilTable):
             with at(name):
                 _check_field(value, rock=layer.get("rock") is True)
             alone = OF_ALL_LAYERS if "length" in value else ()

@@ -97,7 +97,7 @@ def check_bounds(marginal: type, lower: float | None, upper: float | None) -> No
 
 
 @table
-class Bedding(Part):
+class InclinedStrata(Part):
     """Inclined strata."""
 
     dip: Annotated[float, Within(Limit(least=0, most=90, unit="degrees"))] = key("Dip below the horizontal.", 15.0)
@@ -154,7 +154,7 @@ class RandomField(Part):
         "surface",
         "surface",
     )
-    bedding: Bedding | None = key(
+    bedding: InclinedStrata | None = key(
         "Inclined strata: `dip` below the horizontal and `strike`, anticlockwise from x seen from above, both in "
         "degrees. With a strike of 90 they dip towards +x, with 270 towards -x. By default they dip to the side to "
         "which a slope or section falls, in a terrain towards +x. Lengths are then down the dip, along strike and "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cooperative.tools.site._section import Section
+from cooperative.tools.site._section import DrawnSection
 from cooperative.tools.soundings import SiteError, Stresses, Values
 from jaxmpm.soil import unit_slip
 from jaxmpm.support import check
@@ -42,7 +42,7 @@ class Assumed:
     origin: tuple[float, float] = (0.0, 0.0)
     base: float | None = None
     area_ratio: float | None = None
-    section: Section | None = None
+    section: DrawnSection | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers that no reader looks at."""

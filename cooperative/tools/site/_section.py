@@ -22,7 +22,7 @@ MOST_BYTES = 2**20
 
 
 @dataclass(frozen=True)
-class Section:
+class DrawnSection:
     """The ground of a section.
 
     Args:
@@ -78,7 +78,7 @@ class Section:
         return bool(self.surface[1].max() > bottom)
 
 
-def read_section(path: Path) -> Section:
+def read_section(path: Path) -> DrawnSection:
     """The section of a scene's file that has [ground] and no layers yet.
 
     Args:
@@ -98,13 +98,13 @@ def read_section(path: Path) -> Section:
         )
     if clash := [key for key in ("layer", "soil", "strength") if key in given]:
         raise SiteError(f"{path} has {', '.join(clash)} already, which the soundings give: leave out these tables")
-    ground = tables.read(tables.Ground, given["ground"], "ground", files=Files({}, path.parent))
+    ground = tables.read(tables.GroundTable, given["ground"], "ground", files=Files({}, path.parent))
     surface = np.array(ground.surface, float).T
     low, high = ground.walls or (float(surface[0, 0]), float(surface[0, -1]))
     stations = np.unique(np.clip(np.r_[surface[0], low, high], low, high))
     surface = np.stack([stations, np.interp(stations, *surface)])
     beside = tuple(text_there for text_there in _texts(given) if (path.parent / text_there.partition("#")[0]).is_file())
-    return Section(path, text, surface, ground.base, beside)
+    return DrawnSection(path, text, surface, ground.base, beside)
 
 
 def _texts(value: object) -> Iterator[str]:

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cooperative.laboratory import SiteError, Values, in_si, numbers
-from cooperative.tools.soundings._sounding import Record, one_number
+from cooperative.tools.soundings._sounding import SoundingRecord, one_number
 from jaxmpm.support.files import read_given
 from jaxmpm.support.table import MOST_BYTES, decoded, number
 
@@ -45,7 +45,7 @@ GEOGRAPHIC = {"EPSG:4258", "EPSG:4326", "EPSG:4289", "EPSG:4937", "EPSG:4979", "
 Headers = dict[str, list[list[str]]]
 
 
-def read_gef(path: Path) -> list[Record]:
+def read_gef(path: Path) -> list[SoundingRecord]:
     """The sounding of a GEF file.
 
     Args:
@@ -87,7 +87,7 @@ def read_gef(path: Path) -> list[Record]:
     system, *position = (*headers.get("XYID", [[]])[0], "", "", "")[:3]
     datum, top = (*headers.get("ZID", [[]])[0], "", "")[:2]
     return [
-        Record(
+        SoundingRecord(
             file=str(path), name=_value(headers, "TESTID", 0) or path.stem, columns=columns,
             x=one_number(position[0]), y=one_number(position[1]), top=one_number(top),
             datum=HEIGHTS.get(datum, f"GEF {datum}") if datum.strip("0") else None,
@@ -124,7 +124,7 @@ def _gef_system(path: Path, code: str) -> str | None:
     return SYSTEMS.get(code, f"GEF {code}")
 
 
-def read_bro(path: Path) -> list[Record]:
+def read_bro(path: Path) -> list[SoundingRecord]:
     """The soundings of an XML file of the BRO.
 
     Args:
@@ -168,7 +168,7 @@ def _text(element: ElementTree.Element | None, *names: str) -> str:
     return ((found.text if found is not None else None) or "").strip()
 
 
-def _of_test(path: Path, test: ElementTree.Element, count: int) -> Record:
+def _of_test(path: Path, test: ElementTree.Element, count: int) -> SoundingRecord:
     name = _text(test, "broId") or (f"{path.stem} {count}" if count else path.stem)
     where = f"{path}: sounding {name}"
     result = _found(test, "conePenetrationTest", "cptResult")
@@ -185,7 +185,7 @@ def _of_test(path: Path, test: ElementTree.Element, count: int) -> Record:
             columns[column] = values * in_si(where, usual, quantity)
     projection, x, y = _bro_position(where, _found(test, "deliveredLocation"))
     elevation = _found(test, "deliveredVerticalPosition")
-    return Record(
+    return SoundingRecord(
         file=str(path), name=name, columns=columns, x=x, y=y, projection=projection,
         top=_metres(where, _found(elevation, "offset")), datum=_text(elevation, "verticalDatum") or None,
         area_ratio=one_number(_text(test, "coneSurfaceQuotient")),

@@ -24,14 +24,14 @@ from cooperative.laboratory import (
     read_columns,
 )
 from cooperative.tools.soundings._dutch import read_bro, read_gef
-from cooperative.tools.soundings._sounding import Record, Sounding, one_number, sounding_of
+from cooperative.tools.soundings._sounding import Sounding, SoundingRecord, one_number, sounding_of
 from jaxmpm.support import check
 from jaxmpm.support.extras import extra
 from jaxmpm.support.files import read_given
 from jaxmpm.support.table import MOST_BYTES, decoded
 from jaxmpm.support.text import shown
 
-Contents = tuple[list[Record], list[PointValues]]
+Contents = tuple[list[SoundingRecord], list[PointValues]]
 
 CONE = {
     "depth": POSITION["depth"],
@@ -213,7 +213,7 @@ def _ags_places(path: Path, group: Group) -> dict[str, Place]:
     }
 
 
-def _ags_soundings(path: Path, groups: Mapping[str, Group], places: Mapping[str, Place]) -> Iterator[Record]:
+def _ags_soundings(path: Path, groups: Mapping[str, Group], places: Mapping[str, Place]) -> Iterator[SoundingRecord]:
     if "SCPT" not in groups:
         return
     rows, none = groups["SCPT"][1], Place()
@@ -236,7 +236,7 @@ def _ags_soundings(path: Path, groups: Mapping[str, Group], places: Mapping[str,
     for name in dict.fromkeys(names.tolist()):
         place = places.get(name, none)
         waters = [depth for (borehole, _), depth in water.items() if borehole == name and math.isfinite(depth)]
-        yield Record(
+        yield SoundingRecord(
             file=str(path), name=name, columns={key: values[names == name] for key, values in table.items()},
             x=place.x, y=place.y, top=place.top, datum=place.datum, projection=place.projection,
             water=waters[0] if waters else math.nan,
@@ -290,7 +290,7 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     return [], measured_of(path, table, texts)
 
 
-def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Record:
+def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> SoundingRecord:
     """The sounding of the rows of one name."""
 
     def one(key: str) -> float:
@@ -304,7 +304,7 @@ def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, rows: np.nd
     datum, projection = (
         one_text(path, key, table[key][rows] if key in table else None) for key in ("datum", "projection")
     )
-    return Record(
+    return SoundingRecord(
         file=str(path), name=name, columns=columns, x=one("x"), y=one("y"), top=one("top"), datum=datum,
         projection=projection, water=one("water"), predrilled=one("predrilled"),
     )  # fmt: skip

@@ -79,7 +79,7 @@ def one_number(text: str | None, void: float = math.nan) -> float:
 
 
 @dataclass(frozen=True)
-class Record:
+class SoundingRecord:
     """What a file has of one sounding, in SI units with gaps as nan, with nothing worked out of it.
 
     Args:
@@ -116,7 +116,7 @@ COLUMNS = (
 (Pa), f_s over q_c, u_2 (Pa), and the net area ratio."""
 
 
-def sounding_of(record: Record) -> Sounding:
+def sounding_of(record: SoundingRecord) -> Sounding:
     """The sounding of a record: depth, sleeve friction and corrected resistance of what was measured, and checked.
 
     Args:

@@ -20,8 +20,8 @@ import kl
 from benchmarks.robustness.invented import LAYERED, TERRAIN, TINY
 from cooperative import (
     Campaign,
+    CampaignGrid,
     CrossCorrelation,
-    Grid,
     Hazard,
     MonteCarlo,
     Plan,
@@ -55,7 +55,7 @@ CLAY = mpm.Soil(
 
 
 def grid(cell):
-    return Grid(cell, (cell / 2, cell / 2))
+    return CampaignGrid(cell, (cell / 2, cell / 2))
 
 
 TINY_IN_PYTHON = Campaign(
@@ -134,8 +134,11 @@ def test_a_value_is_checked_as_a_scene_is_and_no_table_of_a_scene_named(changed,
         (lambda: Plan(0), "samples = 0: give a whole number of 1 or more"),
         (lambda: Plan(samples=6, seed=-1), "seed = -1: give a whole number of 0 or more"),
         (lambda: Plan(6, fields="rouhg"), "fields = 'rouhg': give one of 'none', 'refined', 'both'"),
-        (lambda: Grid(2.0), "Grid lacks spacing: add it"),
-        (lambda: Grid(2.0, (0.0, 1.0)), "spacing = (0.0, 1.0) m: give a list of numbers, one per axis, each a finite"),
+        (lambda: CampaignGrid(2.0), "CampaignGrid lacks spacing: add it"),
+        (
+            lambda: CampaignGrid(2.0, (0.0, 1.0)),
+            "spacing = (0.0, 1.0) m: give a list of numbers, one per axis, each a finite",
+        ),
         (lambda: RandomField(30e3, -0.1, (20.0, 4.0)), "cov = -0.1: give a finite value of 0 or more"),
         (lambda: RandomField(30e3, 0.1, (20.0, 4.0), lower=1.0), "lower = 1: Lognormal has no such bound"),
         (lambda: Hazard(["50"]), "thresholds = '50' has no unit: give one of m, cm, m/s, km/h"),
@@ -307,7 +310,7 @@ from typing import Any
 import jax.numpy as jnp
 import jaxmpm as mpm
 import kl
-from cooperative import Campaign, Grid, MonteCarlo, Plan, RandomField, Run, run
+from cooperative import Campaign, CampaignGrid, MonteCarlo, Plan, RandomField, Run, run
 from jaxmpm.laws import add, elastic_increment
 from jaxmpm.tensors import deviator, mean, safe_sqrt, second_invariant
 
@@ -318,7 +321,7 @@ if __name__ == "__main__":
     campaign = Campaign(
         ground=mpm.Slope(crest=8.0, height=8.0, run_per_rise=1.0, toe=16.0, foundation=2.0), soil=SensitiveClay(),
         random={"strength": RandomField(25e3, 0.4, (20.0, 4.0), trend=1e3)},
-        rough=Grid(2.0, (1.0, 1.0)), refined=Grid(1.0, (0.5, 0.5)),
+        rough=CampaignGrid(2.0, (1.0, 1.0)), refined=CampaignGrid(1.0, (0.5, 0.5)),
         run=Run(t_end=0.5), plan=Plan(samples=3), estimator=MonteCarlo(refined_runs=10))
     print(run(campaign, sys.argv[1], workers=int(sys.argv[2])).probability.value)
 """

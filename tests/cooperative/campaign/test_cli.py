@@ -17,7 +17,7 @@ from cooperative import exports, runs
 from cooperative.__main__ import main
 from cooperative.reporting import _progress as progress
 from cooperative.scene import parse, read_scene
-from cooperative.store import Sample, open_store, read_rows, read_sample, read_store, write_sample
+from cooperative.store import FinishedRun, open_store, read_rows, read_sample, read_store, write_sample
 from cooperative.summary import summarise
 from cooperative.tools import sweep
 from jaxmpm.support.text import duration
@@ -34,7 +34,7 @@ def invented(number, displacement, *, modes=3, broke_off=False, seconds=2.0):
     row = {"displacement": displacement, "broke_off": broke_off}
     if not broke_off:
         row |= {"depth": 1.0, "runout": 2.0, "volume": 3.0, "area": 4.0}
-    return Sample(number, "NOT_FINITE" if broke_off else "SETTLED", 100, seconds, np.zeros(modes), row)
+    return FinishedRun(number, "NOT_FINITE" if broke_off else "SETTLED", 100, seconds, np.zeros(modes), row)
 
 
 def invented_campaign(folder, text, rough, refined, *, every=2.0):

@@ -10,7 +10,7 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.robustness.invented import TINY
-from cooperative import Campaign, Grid, MonteCarlo, Plan, RandomField, Run, report, run, runs
+from cooperative import Campaign, CampaignGrid, MonteCarlo, Plan, RandomField, Run, report, run, runs
 from cooperative.scene import parse
 from tests.cooperative.scene.test_scene_sections import OUTLINE
 from tests.jaxmpm.ground.test_ground import Embankment
@@ -105,8 +105,8 @@ def test_a_campaign_of_a_ground_of_ones_own_runs_on_two_workers_and_is_reported(
         ground=Embankment(),
         soil=clay,
         random={"strength": RandomField(14e3, 0.3, (20.0, 4.0))},
-        rough=Grid(2.0, (1.0, 1.0)),
-        refined=Grid(1.0, (0.5, 0.5)),
+        rough=CampaignGrid(2.0, (1.0, 1.0)),
+        refined=CampaignGrid(1.0, (0.5, 0.5)),
         run=Run(t_end=3.0),
         plan=Plan(samples=3),
         estimator=MonteCarlo(refined_runs=10),

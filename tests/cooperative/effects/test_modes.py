@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cooperative.measure import ModeRules, Motion, failure_mode
+from cooperative.measure import ModeRules, ReleaseHistory, failure_mode
 from jaxmpm import Face
 
 SLOPE = Face(toe_x=54.0, toe_z=4.0, height=12.0)
@@ -60,7 +60,7 @@ def slide(masses, spacing=(2.0, 2.0, 1.0), fine=1):
 
 
 def motion_of(history, volume, times=TIMES):
-    motion = Motion.start(volume, 1.0)
+    motion = ReleaseHistory.start(volume, 1.0)
     for time, displacement in zip(times[1:], history[1:], strict=True):
         motion = motion.after(float(time), displacement)
     return motion
@@ -196,8 +196,11 @@ def test_onset_is_interpolated_between_snapshots():
     [
         ({"position": np.zeros((4, 3))}, r"shape \(4, 3\)"),
         ({"volume": np.ones(2)}, "volume has shape"),
-        ({"motion": Motion.start(np.ones(2), 1.0)}, "motion is of 2 particles"),
-        ({"motion": Motion.start(np.ones(3), 0.5)}, r"failure displacement 0.5 m: start it with the rules' 1 m"),
+        ({"motion": ReleaseHistory.start(np.ones(2), 1.0)}, "motion is of 2 particles"),
+        (
+            {"motion": ReleaseHistory.start(np.ones(3), 0.5)},
+            r"failure displacement 0.5 m: start it with the rules' 1 m",
+        ),
     ],
 )
 def test_bad_input_is_named(change, match):
@@ -207,7 +210,7 @@ def test_bad_input_is_named(change, match):
         "volume": np.ones(3),
         "geometry": SLOPE,
         "half_size": np.ones(3),
-        "motion": Motion.start(np.ones(3), 1.0),
+        "motion": ReleaseHistory.start(np.ones(3), 1.0),
         "rules": ModeRules(),
     }
     with pytest.raises(ValueError, match=match):
@@ -216,4 +219,4 @@ def test_bad_input_is_named(change, match):
 
 def test_snapshots_come_in_order():
     with pytest.raises(ValueError, match="times do not ascend"):
-        Motion.start(np.ones(2), 1.0).after(1.0, np.zeros(2)).after(1.0, np.zeros(2))
+        ReleaseHistory.start(np.ones(2), 1.0).after(1.0, np.zeros(2)).after(1.0, np.zeros(2))

@@ -18,7 +18,7 @@ from cooperative.exports import _export, export
 from cooperative.exports import _map_files as map_files
 from cooperative.scene import parse, to_toml
 from cooperative.scene._files import packed
-from cooperative.store import Sample, open_store, read_sample, read_store, write_sample
+from cooperative.store import FinishedRun, open_store, read_sample, read_store, write_sample
 from tests.scenes import model_of
 
 # rioxarray multiplies transforms by an operator that their library is about to give up.
@@ -60,8 +60,8 @@ def filled(folder, text):
             fields["column_arrival"] = np.where(covered, 1.0, np.nan).astype(np.float32)
             row |= {"area_columns": float(covered.sum())} if slid else {}
             xi = np.random.default_rng(number).standard_normal(model.soil.modes)
-            write_sample(store, "rough", Sample(number, "SETTLED", 9, 1.0, xi, {**row, "displacement": 0.1}))
-            write_sample(store, "refined", Sample(number, "SETTLED", 9, 1.0, xi, row, fields if slid else {}))
+            write_sample(store, "rough", FinishedRun(number, "SETTLED", 9, 1.0, xi, {**row, "displacement": 0.1}))
+            write_sample(store, "refined", FinishedRun(number, "SETTLED", 9, 1.0, xi, row, fields if slid else {}))
     return folder
 
 

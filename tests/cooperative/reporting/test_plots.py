@@ -8,7 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
 from cooperative.estimate import Chances, Exceedance, fit_distributions, severity_ranking
-from cooperative.hazard import Maps
+from cooperative.hazard import HazardMaps
 from cooperative.measure import ColumnPlan
 from cooperative.reporting import _charts as charts
 from cooperative.reporting import _interactive as interactive
@@ -34,7 +34,7 @@ def maps(*shape):
     units = {"reached": "-", "faster than 1 m/s": "-", "expected thickness": "m", "arrival": "s"}
     plan = ColumnPlan((0.0,) * len(shape), 4.0, shape, tuple((0.0, 4.0 * count) for count in shape))
     edges = tuple(plan.edges(axis) for axis in range(len(shape)))
-    return Maps(plan, edges, dict.fromkeys(units, chances), units, slice(4, None), 9, 0.4, 0.07, 0.5)
+    return HazardMaps(plan, edges, dict.fromkeys(units, chances), units, slice(4, None), 9, 0.4, 0.07, 0.5)
 
 
 FIGURES = {

@@ -21,7 +21,7 @@ from cooperative.runs import _processes as processes
 from cooperative.runs._executors import LOST
 from cooperative.runs._processes import ATTEMPTS, Processes, WorkerLost
 from cooperative.scene import parse
-from cooperative.store import Sample
+from cooperative.store import FinishedRun
 from jaxmpm.transfer import native
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.campaign.test_campaign_value import Logged
@@ -31,7 +31,7 @@ NOTHING = Packed("", b"")
 
 
 def sample(number):
-    return Sample(number, "FINISHED", 1, 0.0, np.zeros(1), {"displacement": 1.0, "broke_off": False})
+    return FinishedRun(number, "FINISHED", 1, 0.0, np.zeros(1), {"displacement": 1.0, "broke_off": False})
 
 
 class Breaking(Executor):

@@ -42,7 +42,7 @@ def test_names_that_run_or_mislead_are_refused(name, table):
     else:
         values["scenario"] = [{"name": name, "run": {"k_h": 0.1}}]
     with pytest.raises(ValueError, match=r"name = .*(: give one line of at most|takes it for a formula)"):
-        tables.read(tables.Scene, values)
+        tables.read(tables.SceneTable, values)
 
 
 @settings(max_examples=50, deadline=None)

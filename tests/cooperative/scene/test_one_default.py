@@ -9,19 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxmpm as mpm
-from cooperative import Campaign, Grid, Hazard, Plan, RandomField, Run, Site, TwoPhase, estimate
+from cooperative import Campaign, CampaignGrid, Hazard, Plan, RandomField, Run, Site, TwoPhase, estimate
 from cooperative.scene import parse, tables
 from cooperative.scene._words import source_of_value
-from cooperative.scene.tables._ground import Slope
-from cooperative.scene.tables._scene import Scene
+from cooperative.scene.tables import SceneTable, SlopeTable
 
 OF_SOLVER = [
-    (tables.Interface, mpm.Interface),
-    (tables.Grid, mpm.Discretisation),
-    (Slope, mpm.Slope),
-    (tables.Ground, mpm.Section),
-    (tables.Terrain, mpm.Terrain),
-    (tables.Layer, mpm.Layer),
+    (tables.InterfaceTable, mpm.Interface),
+    (tables.CampaignGrid, mpm.Discretisation),
+    (SlopeTable, mpm.Slope),
+    (tables.GroundTable, mpm.Section),
+    (tables.TerrainTable, mpm.Terrain),
+    (tables.LayerTable, mpm.Layer),
     *((tables.PlanAndEstimator, kind) for kind in estimate.ESTIMATORS.values()),
 ]
 """Tables of a scene, and the classes below campaigns whose fields their keys fill."""
@@ -60,7 +59,7 @@ def test_the_solver_and_the_estimators_have_the_defaults_of_a_scene():
 
 
 def test_what_a_scene_leaves_out_of_its_soil_is_left_to_the_solver():
-    keys = tables.keys(tables.Soil)
+    keys = tables.keys(tables.SoilTable)
     assert {name for name, key in keys.items() if key.is_required()} == {"unit_weight", "young", "poisson"}
     assert {name for name, key in keys.items() if not key.is_required() and key.default is not None} == {"unusual"}
     for name, value in {"residual_ratio": "0.5", "gap_memory": "true", "decay": '"linear"', "dilation": "0.0"}.items():
@@ -87,10 +86,10 @@ BUILDERS = (mpm.slope, mpm.Slope.build, mpm.section, mpm.terrain, mpm.column, mp
     ("builder", "argument", "table", "key"),
     [
         *((builder, "gravity", Run, "gravity") for builder in BUILDERS),
-        (mpm.slope, "y_ends", Slope, "y_ends"),
-        (mpm.Slope.build, "ends", Slope, "y_ends"),
-        (mpm.section, "ends", tables.Ground, "ends"),
-        (mpm.terrain, "ends", tables.Terrain, "ends"),
+        (mpm.slope, "y_ends", SlopeTable, "y_ends"),
+        (mpm.Slope.build, "ends", SlopeTable, "y_ends"),
+        (mpm.section, "ends", tables.GroundTable, "ends"),
+        (mpm.terrain, "ends", tables.TerrainTable, "ends"),
     ],
 )
 def test_builders_have_the_defaults_of_a_scene(builder, argument, table, key):
@@ -98,9 +97,15 @@ def test_builders_have_the_defaults_of_a_scene(builder, argument, table, key):
 
 
 def test_parts_of_a_campaign_are_the_tables_of_a_scene():
-    for name, kind in {"run": Run, "rough": Grid, "coarse": Grid, "hazard": Hazard, "strength": RandomField}.items():
-        assert tables.table_in(tables.keys(Scene)[name]) is kind
-    assert issubclass(tables.table_in(tables.keys(Scene)["campaign"]), Plan)
+    for name, kind in {
+        "run": Run,
+        "rough": CampaignGrid,
+        "coarse": CampaignGrid,
+        "hazard": Hazard,
+        "strength": RandomField,
+    }.items():
+        assert tables.table_in(tables.keys(SceneTable)[name]) is kind
+    assert issubclass(tables.table_in(tables.keys(SceneTable)["campaign"]), Plan)
     assert (
         tables.PlanAndEstimator(20).chosen == TwoPhase() == inspect.signature(Campaign).parameters["estimator"].default
     )
@@ -110,8 +115,8 @@ PARTS = {
     Run: {},
     Hazard: {},
     Plan: {"samples": 20},
-    tables.Bedding: {"dip": 15.0},
-    Grid: {"cell": 2.0, "spacing": (1.0, 1.0)},
+    tables.InclinedStrata: {"dip": 15.0},
+    CampaignGrid: {"cell": 2.0, "spacing": (1.0, 1.0)},
     RandomField: {"mean": 30e3, "cov": 0.2, "length": (20.0, 4.0)},
     tables.CrossCorrelation: {"parameters": ("a", "b"), "matrix": ((1.0, 0.2), (0.2, 1.0))},
 }
@@ -160,7 +165,7 @@ cohesion = { mean = 5e3, cov = 0.2, length = [20.0, 4.0] }
 
 def in_python(soil, name, ground, **more):
     random = {name: RandomField(getattr(soil, name), 0.2, (20.0, 4.0))}
-    rough, refined = (Grid(cell, (cell / 2, cell / 2)) for cell in (2.0, 1.0))
+    rough, refined = (CampaignGrid(cell, (cell / 2, cell / 2)) for cell in (2.0, 1.0))
     return Campaign(ground=ground, soil=soil, random=random, rough=rough, refined=refined, plan=Plan(20), **more)
 
 

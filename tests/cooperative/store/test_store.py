@@ -19,7 +19,7 @@ import pytest
 
 from cooperative.store import (
     SLIDES,
-    Sample,
+    FinishedRun,
     Source,
     open_store,
     read_rows,
@@ -36,9 +36,9 @@ from tests import ROOT
 SCENE = '[soil]\nSu_mean = 42000.0\nSu_cov = 0.3\n[campaign]\nsamples = 10\ngrids = ["rough", "refined"]\n'
 
 
-def sample(number: int, size: int = 50) -> Sample:
+def sample(number: int, size: int = 50) -> FinishedRun:
     generator = np.random.default_rng(number)
-    return Sample(
+    return FinishedRun(
         number=number,
         status="settled",
         steps=1000 + number,
@@ -52,7 +52,7 @@ def sample(number: int, size: int = 50) -> Sample:
     )
 
 
-def assert_same(left: Sample, right: Sample) -> None:
+def assert_same(left: FinishedRun, right: FinishedRun) -> None:
     for name in ("number", "status", "steps", "seconds"):
         assert getattr(left, name) == getattr(right, name)
     assert dict(left.row) == dict(right.row)
@@ -151,7 +151,7 @@ def test_rows_ascend_and_gaps_are_nan(tmp_path):
         for number in (7, 2):
             write_sample(store, "rough", sample(number))
         row = {"displacement": 0.3, "broke_off": True, "depth_deepest": 1.0}
-        write_sample(store, "rough", Sample(4, "not finite", 3, 0.1, np.zeros(2), row))
+        write_sample(store, "rough", FinishedRun(4, "not finite", 3, 0.1, np.zeros(2), row))
         rows = read_rows(store, "rough")
     assert rows.numbers == [2, 4, 7]
     np.testing.assert_array_equal(np.isnan(rows.columns["depth"]), [False, True, False])

@@ -85,10 +85,10 @@ def test_failure_names_place_time_and_remedy():
     problem = tiny(corner=(100.0, 50.0))
     lane = {"stopped": np.array(7.0), "worst": np.array(11), "steps": np.array(3), "problem": problem}
     fail = seepage.Flow.raise_if_failed
-    stuck = SimpleNamespace(status=np.array(seepage.Status.NO_CONVERGENCE), **lane)
+    stuck = SimpleNamespace(status=np.array(seepage.FlowStatus.NO_CONVERGENCE), **lane)
     with pytest.raises(ValueError, match=r"did not converge after 7 s, worst at \(103.5, 52.5\) m: give the soil"):
         fail(stuck)
-    long = SimpleNamespace(status=np.array(seepage.Status.OUT_OF_STEPS), **lane)
+    long = SimpleNamespace(status=np.array(seepage.FlowStatus.OUT_OF_STEPS), **lane)
     with pytest.raises(ValueError, match="raise max_steps or the tolerance"):
         fail(long)
 

@@ -210,8 +210,8 @@ def test_lanes_are_runs_of_their_own_and_a_failed_one_leaves_its_neighbours():
 
     factors = jnp.asarray([1.0, 0.1, jnp.nan])
     lanes = jax.jit(jax.vmap(lambda factor: (lambda f: (f.head, f.status, f.steps))(run(factor))))(factors)
-    assert np.asarray(lanes[1]).tolist()[:2] == [seepage.Status.DONE] * 2
-    assert lanes[1][2] == seepage.Status.NO_CONVERGENCE
+    assert np.asarray(lanes[1]).tolist()[:2] == [seepage.FlowStatus.DONE] * 2
+    assert lanes[1][2] == seepage.FlowStatus.NO_CONVERGENCE
     for n in (0, 1):
         alone = run(float(factors[n]))
         assert int(lanes[2][n]) == int(alone.steps)
