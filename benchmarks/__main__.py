@@ -1,6 +1,7 @@
 """`python -m benchmarks NAME [--json] [--quick] [--keep]`: run one, print its figures; `--keep` for RESULTS.md too.
 
-Without `--keep` no file of the repository changes. `public` takes the folder of others' data by `--data`."""
+Without `--keep` no file of the repository changes. `public` takes the folder of others' data by `--data`, and
+`peer_mpm3d` the solver of others by `--binary`."""
 
 from __future__ import annotations
 
@@ -28,6 +29,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="smaller and coarser, to see that it runs")
     parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md and draw its pictures")
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="data of others that a benchmark compares with")
+    parser.add_argument("--binary", type=Path, metavar="PATH", help="program of others that a benchmark runs")
     arguments = parser.parse_args()
     if arguments.keep and arguments.quick:
         parser.error("--keep and --quick: RESULTS.md holds whole runs, leave one of them out")
@@ -36,7 +38,7 @@ def main() -> int:
         print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
         return 1 if failed else 0
     run = module(arguments.name).run
-    given = {name: path for name in ("data",) if (path := getattr(arguments, name)) is not None}
+    given = {name: path for name in ("data", "binary") if (path := getattr(arguments, name)) is not None}
     for name in given.keys() - inspect.signature(run).parameters.keys():
         parser.error(f"{arguments.name} takes no --{name}: leave it out")
     report: Report = run(quick=arguments.quick, **given)

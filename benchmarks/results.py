@@ -44,6 +44,7 @@ SHORT = {
     "levers": "settings",
     "rest": "settings",
     "opened_soil": "settings",
+    "averaged_friction": "settings",
     "early": "settings",
     "leave_out": "speed",
     "fields": "accuracy",
@@ -64,6 +65,7 @@ SHORT = {
 LONG = {
     "campaign": "speed",
     "public": "public",
+    "peer_mpm3d": "public",
     "robustness": "robustness",
     "stability_of_slopes": "sites",
     "runout_convergence": "accuracy",
