@@ -202,13 +202,13 @@ class Campaign(Part):
             time: s, or a text such as "12 h".
 
         Raises:
-            ValueError: no water moves in it, or the time is after the last one.
+            Invalid: no water moves in it, or the time is after the last one.
         """
         at: Any = time  # the table reads texts
         if self.drawdown is not None:
             return replace(self, drawdown=replace(self.drawdown, at=at))
         if self.rain is None:
-            raise ValueError(f"time = {time} is for a scene with [rain] or [drawdown]: leave it out")
+            raise Invalid(("time",), shown(time), "is for a scene with [rain] or [drawdown]", "leave it out")
         return replace(self, rain=replace(self.rain, at=at))
 
     @cached_property
@@ -439,7 +439,7 @@ def check_moving(campaign: Campaign) -> None:
         campaign: the campaign.
 
     Raises:
-        ValueError: what its pressure does not act on, or what gives another pressure.
+        Invalid: what its pressure does not act on, or what gives another pressure.
     """
     table, site = campaign.seepage, campaign.site
     if table is None:
@@ -447,28 +447,33 @@ def check_moving(campaign: Campaign) -> None:
     name = "rain" if campaign.drawdown is None else "drawdown"
     table.check_complete()
     if campaign.rain is not None and campaign.drawdown is not None:
-        raise ValueError("the scene has [rain] and [drawdown], of which each has rate and level: leave one out")
+        raise Invalid(("drawdown",), None, "is given beside rain, and each has rate and level", "leave one out")
     if site.r_u is not None:
-        raise ValueError(f"r_u = {site.r_u:g} beside [{name}], whose flow gives the pore pressure: leave one out")
+        rule = f"beside {name}, whose flow gives the pore pressure"
+        raise Invalid(("r_u",), f"{site.r_u:g}", rule, "leave one out")
     if site.level is not None:
-        raise ValueError(f"[water.level] is random beside [{name}], whose flow begins with one level: give its mean")
+        rule = f"is random beside {name}, whose flow begins with one level"
+        raise Invalid(("the water level",), None, rule, "give its mean")
     if site.ends == "free field":
-        raise ValueError(f"ends = 'free field' beside [{name}], whose pressure the columns do not have: take rollers")
+        rule = f"beside {name}, whose pressure the columns do not have"
+        raise Invalid(("ends",), "'free field'", rule, "take rollers")
     soils = site.soils(campaign.soil)
     if all(getattr(layer.soil, "friction", None) is None for layer in soils):
-        raise ValueError(
-            f"[{name}] in undrained soil, whose strength does not depend on pore pressure: give cohesion and friction"
-        )
+        rule = "acts on undrained soil, whose strength does not depend on pore pressure"
+        raise Invalid((name,), None, rule, "give cohesion and friction")
     if site.by_stress(campaign.soil) is not None:
-        raise ValueError(f"strength_ratio beside [{name}], whose pressure is not that of consolidation: give strength")
+        rule = f"is given beside {name}, whose pressure is not that of consolidation"
+        raise Invalid(("strength_ratio",), None, rule, "give strength")
     parameters = [name for random in (campaign.random, *(layer.random for layer in site.layers)) for name in random]
     if varies := [name for name in parameters if name in WEIGHTS]:
-        raise ValueError(f"{varies[0]} varies beside [{name}], in which weight follows the water: give it as a number")
+        rule = f"varies beside {name}, in which weight follows the water"
+        raise Invalid((varies[0],), None, rule, "give it as a number")
     names = [layer.name for layer in site.layers]
-    for layer in table.layer:
+    for number, layer in enumerate(table.layer):
         if layer.name not in names:
-            has = f"give one of {', '.join(map(shown, names))}" if names else "the ground has none, give soil instead"
-            raise ValueError(f"[[{name}.layer]] name = {shown(layer.name)} is no [[layer]] of the ground: {has}")
+            remedy = f"give one of {', '.join(map(shown, names))}" if names else "it has none, give soil instead"
+            path = (name, "layer", number, "name")
+            raise Invalid(path, shown(layer.name), "is no [[layer]] of the ground", remedy)
 
 
 def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:

@@ -33,6 +33,7 @@ from cooperative.scene.tables import Calibration, LimitLoad, Measured
 from cooperative.store import GRIDS, MEASURED, Store, store_text
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 from jaxmpm.run import FactorOfSafety
+from jaxmpm.support.check import Invalid
 
 BLUNT = 5.0
 """Sharpness of the kink below which there is no clear limit load."""
@@ -155,10 +156,11 @@ def failing_volume(campaign: Campaign) -> float:
         campaign: the campaign.
 
     Raises:
-        ValueError: any particle is a failure.
+        Invalid: any particle is a failure.
     """
     if campaign.failing_volume is None:
-        raise ValueError("least_volume = 0: any particle moves below a limit load, give more or leave it out")
+        rule = "lets any particle be a failure, and one moves below the limit load"
+        raise Invalid(("run", "least_volume"), "0", rule, "give more or leave it out")
     return campaign.failing_volume
 
 

@@ -304,11 +304,11 @@ def _given(scene: tables.SceneTable, keys: Mapping[str, object], estimator: Esti
     if estimator is None:
         return stored
     if not is_dataclass(estimator) or isinstance(estimator, type):
-        raise ValueError(f"estimator = {estimator!r}: give an object of a frozen dataclass, whose fields tell it apart")
+        remedy = "give an object of a frozen dataclass, whose fields tell it apart"
+        raise Invalid(("campaign", "estimator"), repr(estimator), "", remedy)
     if stored is not None and stored != repr(estimator):
-        raise ValueError(
-            f"the campaign's estimator is {short(stored, 400)}, not {estimator!r}: give that one, or another folder"
-        )
+        rule = f"is {short(stored, 400)}, not {estimator!r}"
+        raise Invalid(("campaign", "estimator"), None, rule, "give that one, or another folder")
     named = [key for key in ("estimator", *SETTINGS) if key in keys]
     if named:
         raise Invalid(

@@ -53,20 +53,18 @@ class Motion(Part):
             dimension: number of the ground's axes.
 
         Raises:
-            ValueError: a record along other axes, or without any motion.
+            Invalid: a record along other axes, or without any motion.
         """
         acceleration = self.acceleration
         if len(acceleration) == len(AXES) and dimension == 2:
             if np.any(acceleration[1]):
-                raise ValueError(
-                    "[motion] record has a column y, along which a section does not move: name x and z alone"
-                )
+                rule = "has a column y, along which a section does not move"
+                raise Invalid(("motion", "record"), None, rule, "name x and z alone")
             acceleration = acceleration[[0, 2]]
         if len(acceleration) != dimension:
-            raise ValueError(
-                f"motion has {len(acceleration)} axes, the ground {dimension}: give an acceleration along each"
-            )
+            rule = f"has {len(acceleration)} axes, the ground {dimension}"
+            raise Invalid(("motion", "record"), None, rule, "give an acceleration along each")
         if not np.abs(acceleration).max() > 0:
-            raise ValueError("[motion] record has no acceleration but 0: leave [motion] out")
+            raise Invalid(("motion", "record"), None, "has no acceleration but 0", "leave [motion] out")
         assert isinstance(self.record, BaseMotion)
         return BaseMotion(jnp.asarray(acceleration * self.scale, jnp.float32), jnp.asarray(self.record.interval))

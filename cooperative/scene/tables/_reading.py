@@ -85,7 +85,7 @@ def in_words(table: type[Part], values: object) -> Iterator[None]:
     def worded(error: ValueError) -> ValueError:
         if not isinstance(error, Invalid):
             return error
-        return ValueError(error.of(str(_entry_at(table, values, "", error.path))))
+        return ValueError(error.of(str(_entry_at(table, values, "", (), error.path))))
 
     try:
         yield
@@ -143,27 +143,35 @@ def _entry_at(
                 break  # an element of a list, which a message shows whole
             assert isinstance(value, list | tuple)
             value = value[part]
-            name = value.get("name") if isinstance(value, dict) else None
+            name = _content(value, "name")
             label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
             entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
         elif inner is not None and (part in keys(inner) or part in inside):
             tables = (*entry.path, entry.key) if entry.key else ()
-            here = value.get(part) if isinstance(value, Mapping) else None
+            here = _content(value, str(part))
             declared = keys(inner).get(part)
             entry = _Entry(tables, str(part), here, None if declared is None else table_in(declared), inner, part)
         # What is left determines which of the types of a union it is.
     return entry
 
 
-def _faults(table: type[Part], values: object, where: str, error: ValidationError) -> list[str]:
-    """What is wrong with the values of a table, in words: keys that are not known, keys that lack, and values."""
+def _content(value: object, key: str) -> object:
+    """What a table, or a part of a campaign, holds under a key; None without."""
+    return value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
+
+
+def _faults(table: type[Part], values: object, where: str, error: ValidationError) -> list[ValueError | str]:
+    """What is wrong with the values of a table: keys that are not known, keys that lack, and values.
+
+    In words, but for what several checks of the whole table refuse: what is around it may have other words for that.
+    """
     errors = error.errors(include_url=False)
     if any(fault["loc"][:1] != ("layer",) for fault in errors):
         # What a layer takes from [soil] is reported there.
         errors = [fault for fault in errors if fault["loc"][:1] != ("layer",) or _stands(values, fault["loc"])]
     unknown: list[str] = []
     lacking: dict[str, list[str]] = {}
-    wrong: dict[tuple[str, ...], list[str]] = {}
+    wrong = dict[tuple[str, ...], list[ValueError | str]]()
     of_scene, listed = False, set[str]()
     for fault in errors:
         kind, location = fault["type"], fault["loc"]
@@ -185,9 +193,8 @@ def _faults(table: type[Part], values: object, where: str, error: ValidationErro
             path = broken.path if isinstance(broken, Invalid) else ()
             entry = _entry_at(table, values, where, location, path)
             if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
-                several = broken.faults if isinstance(broken, Faults) else ()
-                of = f"{entry}: " if entry.key else ""
-                wrong[*entry.path, entry.key] = [f"{of}{fault_of_part}" for fault_of_part in several] or [
+                several = broken.errors if isinstance(broken, Faults) else ()
+                wrong[*entry.path, entry.key] = [f"{entry}: {part}" if entry.key else part for part in several] or [
                     _wrong(entry, fault)
                 ]
     if of_scene:

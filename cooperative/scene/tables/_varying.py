@@ -33,7 +33,7 @@ from cooperative.scene.tables._key import (
     table,
 )
 from jaxmpm.soil import soil_limits
-from jaxmpm.support.check import Invalid, Limit, above_zero
+from jaxmpm.support.check import Invalid, Limit, above_zero, at
 from jaxmpm.support.text import shown
 from kl.axis import Covariance, Scaled
 from kl.marginal import Marginal
@@ -365,39 +365,31 @@ class CrossCorrelation(Part):
         Raises:
             ValueError: a matrix that is no correlation, or that the marginals cannot have.
         """
-        try:
-            if not self.nataf:
-                return kl.soil.correlation_root(self.matrix)
-            kl.soil.correlation_root(self.matrix)
-            marginals = tuple(random[name].distribution for name in self.parameters)
-            return kl.soil.correlation_root(kl.soil.nataf_matrix(self.matrix, marginals))
-        except ValueError as error:
-            raise ValueError(f"cross_correlation: {error}") from error
+        of_parameters = kl.soil.correlation_root(self.matrix)
+        if not self.nataf:
+            return of_parameters
+        marginals = tuple(random[name].distribution for name in self.parameters)
+        return kl.soil.correlation_root(kl.soil.nataf_matrix(self.matrix, marginals))
 
 
 def check_cross_correlation(correlation: CrossCorrelation, random: Mapping[str, RandomField]) -> None:
-    """Raise ValueError for parameters that do not vary, or not alike, and for a matrix that is no correlation."""
-    for name in correlation.parameters:
-        if name not in random:
-            raise ValueError(
-                f"cross_correlation: parameters hold {shown(name)}, which is no parameter that varies: give some of "
-                f"{', '.join(random)}"
-            )
-    if len(set(correlation.parameters)) != len(correlation.parameters) or len(correlation.parameters) < 2:
-        raise ValueError(f"cross_correlation: parameters = {list(correlation.parameters)}: give two or more, each once")
-    if {len(row) for row in correlation.matrix} | {len(correlation.matrix)} != {len(correlation.parameters)}:
-        raise ValueError(
-            f"cross_correlation: matrix has {len(correlation.matrix)} rows of {len(correlation.matrix[0])} numbers for "
-            f"{len(correlation.parameters)} parameters: give a row and a column for each"
-        )
-    first, *others = (random[name] for name in correlation.parameters)
-    for name, other in zip(correlation.parameters[1:], others, strict=True):
-        if _shape(other) != _shape(first):
-            raise ValueError(
-                f"cross_correlation: {name} has not the length, correlation, bedding, energy and nataf of "
-                f"{correlation.parameters[0]}: fields that correlate need the same"
-            )
-    correlation.gaussian_root(random)
+    """Raise Invalid for parameters that do not vary, or not alike, and for a matrix that is no correlation."""
+    names, rows = correlation.parameters, correlation.matrix
+    with at("cross_correlation"):
+        for name in names:
+            if name not in random:
+                remedy = f"give some of {', '.join(random)}"
+                raise Invalid(("parameters",), None, f"hold {shown(name)}, which is no parameter that varies", remedy)
+        if len(set(names)) != len(names) or len(names) < 2:
+            raise Invalid(("parameters",), shown(list(names)), "", "give two or more, each once")
+        if {len(row) for row in rows} | {len(rows)} != {len(names)}:
+            rule = f"has {len(rows)} rows of {len(rows[0])} numbers for {len(names)} parameters"
+            raise Invalid(("matrix",), None, rule, "give a row and a column for each")
+        for name in names[1:]:
+            if _shape(random[name]) != _shape(random[names[0]]):
+                rule = f"has not the length, correlation, bedding, energy and nataf of {names[0]}"
+                raise Invalid((name,), None, rule, "give fields that correlate the same")
+        correlation.gaussian_root(random)
 
 
 def _shape(field: RandomField) -> tuple[object, ...]:

@@ -20,7 +20,7 @@ WRONG = {
     "a choice": (("rough", "kernel"), "gump", "[rough] kernel = 'gump'"),
     "a layer": (("layer", 0, "poisson"), 0.7, "[layer 'fill'] poisson = 0.7"),
     "a number of another unit": (("soil", "young"), 90.0, "[soil] young = 90 Pa"),
-    "axes of a field": (("strength", "length"), [60.0], "strength has a length of 1 values"),
+    "axes of a field": (("strength", "length"), [60.0], "[strength] has a length of 1 values"),
     "cells": (("refined", "cell"), 4.0, "give [rough] larger cells"),
     "a mean": (("layer", 0, "strength"), {"mean": -4.0, "cov": 0.1}, "[layer 'fill'.strength] mean = -4"),
     "an element at risk": (

@@ -90,8 +90,11 @@ REFUSED = {
     "no soil": ('[rain]\ntimes = ["1 h"]\nrate = "1 mm/h"\n', "lacks the soil"),
     "no class": (RAIN.replace('"loam"', '"lome"'), "give one of sand"),
     "a unit of something else": (RAIN.replace('"6 h"', '"6 m"'), "'6 m': give a number in s"),
-    "two tables": (RAIN + RAIN.replace("[rain]", "[drawdown]\nlevel = 3.0"), "leave one out"),
-    "a layer that is none": (RAIN + '[[rain.layer]]\nname = "a"\nsoil_class = "clay"\n', "no .*layer.* of the ground"),
+    "two tables": (RAIN + RAIN.replace("[rain]", "[drawdown]\nlevel = 3.0"), r"^\[drawdown\] is given .*: leave"),
+    "a layer that is none": (
+        RAIN + '[[rain.layer]]\nname = "a"\nsoil_class = "clay"\n',
+        r"^\[rain.layer 'a'\] name = 'a' is no \[\[layer\]\] of the ground: it has none, give soil instead$",
+    ),
     "another program and rain": (at_rest_at(4.0) + 'rate = "1 mm/h"\n', "another program"),
     "at beyond the times": (RAIN + 'at = "13 h"\n', "after the last of times"),
 }  # fmt: skip
@@ -111,10 +114,14 @@ HEAVY = SOIL.replace("unit_weight = 19e3", "") + "[soil.unit_weight]\nmean = 19e
 @pytest.mark.parametrize(
     ("water", "soil", "words"),
     [
-        ("[water]\nr_u = 0.2\n", SOIL, "r_u = 0.2 beside"),
-        ("[water.level]\nmean = 1.0\nsd = 0.1\n", SOIL, "random beside"),
-        (LEVEL, CLAY, "undrained"),
-        (LEVEL, HEAVY, "unit_weight varies"),
+        ("[water]\nr_u = 0.2\n", SOIL, r"^r_u = 0.2 beside rain.*: leave one out$"),
+        (
+            "[water.level]\nmean = 1.0\nsd = 0.1\n",
+            SOIL,
+            r"^the water level is random beside rain.*: give its mean$",
+        ),
+        (LEVEL, CLAY, r"^\[rain\] acts on undrained soil.*: give cohesion and friction$"),
+        (LEVEL, HEAVY, r"^unit_weight varies beside rain.*: give it as a number$"),
     ],
 )
 def test_soil_and_water_on_which_no_flow_acts_are_refused(water, soil, words):
