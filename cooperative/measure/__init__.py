@@ -6,6 +6,8 @@ from cooperative.measure._consequences import (
     OpenGround,
     consequences,
     exceeded,
+    front_thickness,
+    size_of_slope,
     walls_reached,
 )
 from cooperative.measure._elements import ColumnPlan, ElementAtRisk, quantity
@@ -31,7 +33,9 @@ __all__ = [
     "consequences",
     "exceeded",
     "failure_mode",
+    "front_thickness",
     "quantity",
     "second_release",
+    "size_of_slope",
     "walls_reached",
 ]

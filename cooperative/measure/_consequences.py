@@ -23,6 +23,11 @@ from jaxmpm import Face
 EDGE = "the edge of the polygon"
 """What a slide reached that came to the cut around its ground."""
 
+THICKNESSES = 3.0
+"""Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
+FRONT_SHARE = 0.1
+"""Thickness of the deposit at the front of the run-out, over that size."""
+
 SMALLEST_SHARE = 0.01
 """Share of the sliding volume from which on soil that came off the rest is a mass of its own."""
 
@@ -82,6 +87,25 @@ class Consequences:
         return asdict(self)
 
 
+def size_of_slope(height: float, thickness: float) -> float:
+    """Size of a slope (m), to which the sizes of its slides are compared.
+
+    Args:
+        height: of the slope, or the relief of ground without a toe (m).
+        thickness: mean of the ground (m).
+    """
+    return min(height, THICKNESSES * thickness)
+
+
+def front_thickness(size: float) -> float:
+    """Thickness of the deposit (m) at the front of a run-out, where a user gives none.
+
+    Args:
+        size: of the slope (m), see `size_of_slope`.
+    """
+    return float(f"{FRONT_SHARE * size:.3g}")
+
+
 def consequences(
     position: np.ndarray,
     displacement: np.ndarray,
@@ -93,7 +117,7 @@ def consequences(
     failure_displacement: float = 1.0,
     reach: float | None = None,
     least_volume: float | None = None,
-    runout_thickness: float = 0.0,
+    runout_thickness: float | None = None,
 ) -> Consequences:
     """Consequences of one final state.
 
@@ -110,7 +134,8 @@ def consequences(
             than a hundredth of the sliding volume is detached grains. None counts none as detached.
         least_volume: of the soil whose displacement is measured (m3; in a section m2), see `exceeded`.
         runout_thickness: thickness of the deposit at the front of the run-out (m), the mean over two particles' width;
-            0 for the foremost soil.
+            0 for the foremost soil, None for a tenth of the slope's height, or of three mean thicknesses of the ground
+            where that is less.
 
     Raises:
         ValueError: shapes do not fit, values are not finite, lengths are not positive.
@@ -120,6 +145,8 @@ def consequences(
     for name, value in lengths.items():
         if value is not None and not value > 0:
             raise ValueError(f"{name} = {value} is not positive: give metres above 0")
+    if runout_thickness is None:
+        runout_thickness = front_thickness(_size(position, volume, geometry, half))
     if not 0 <= runout_thickness < np.inf:
         raise ValueError(f"runout_thickness = {runout_thickness}: give metres from 0 on")
     if isinstance(geometry, OpenGround) and geometry.track is not None and len(position) != 3:
@@ -155,6 +182,15 @@ def consequences(
         runout_foremost=float(beyond[mass].max()),
         runout_any=float(beyond.max()),
     )
+
+
+def _size(position: np.ndarray, volume: np.ndarray, geometry: Face | OpenGround, half: np.ndarray) -> float:
+    """Size of a slope (m), from its particles."""
+    edges = 2 * half[:-1]
+    plan = position[:-1] - position[:-1].min(axis=1, keepdims=True)
+    columns = np.unique(np.rint(plan / edges[:, None]), axis=1).shape[1]
+    height = geometry.height if isinstance(geometry, Face) else float(np.ptp(geometry.surface))
+    return size_of_slope(height, float(volume.sum() / (columns * edges.prod())))
 
 
 def exceeded(displacement: np.ndarray, volume: np.ndarray, least_volume: float | None) -> float:

@@ -19,7 +19,7 @@ from pydantic import model_validator as validates
 from pydantic_core import ArgsKwargs
 
 from cooperative.estimate import Estimator, Sampling, TwoPhase
-from cooperative.measure import ElementAtRisk
+from cooperative.measure import ElementAtRisk, front_thickness, size_of_slope
 from cooperative.scene._site import Site, SiteLayer, check_seams, check_site
 from cooperative.scene.tables import (
     TAIL,
@@ -56,10 +56,6 @@ APART = ("estimator", "coarse")
 """Parts of a campaign without which its samples run and its rows are read."""
 BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where the soil gives none."""
-THICKNESSES = 3.0
-"""Mean thicknesses of the ground that limit the size of a slope: a slide in thin soil is no deeper than the soil."""
-RUNOUT_SHARE = 0.1
-"""Thickness of the deposit at the front of the run-out, over that size."""
 
 
 @table
@@ -261,30 +257,29 @@ class Campaign(Part):
         """Least volume of soil (m3, in a section m2) whose motion is a failure, None where that of any particle is.
 
         The same on all grids. Where the run does not give it, that of a slope of height h
-        (`jaxmpm.run.least_failing_volume`): h is the height of the slope, or THICKNESSES mean thicknesses of the ground
-        where that is less, and no edge of the square or cube is longer than the ground. At least a particle of the
-        coarsest grid.
+        (`jaxmpm.run.least_failing_volume`): h is its size (`cooperative.measure.size_of_slope`), and no edge of the
+        square or cube is longer than the ground. At least a particle of the coarsest grid.
         """
         if self.run.least_volume is not None:
             return self.run.least_volume or None
-        height, plan = self._height, self.site.shape.extent[:-1]
-        volume = least_failing_volume(height, 1) * math.prod(min(height, edge) for edge in plan)
+        size, plan = self._size, self.site.shape.extent[:-1]
+        volume = least_failing_volume(size, 1) * math.prod(min(size, edge) for edge in plan)
         particle = max(math.prod(grid.spacing) for grid in self.grids.values())
         return float(f"{max(volume, particle):.3g}")
 
     @cached_property
-    def _height(self) -> float:
-        """Height of the slope (m), or THICKNESSES mean thicknesses of the ground where that is less."""
+    def _size(self) -> float:
+        """Size of the slope (m), see `cooperative.measure.size_of_slope`."""
         shape = self.site.shape
         polygon = getattr(shape, "polygon", None)
         area = math.prod(shape.extent[:-1]) if polygon is None else shapely.Polygon(polygon).area
-        return min(self.site.height, THICKNESSES * ground.volume(shape) / area)
+        return size_of_slope(self.site.height, ground.volume(shape) / area)
 
     @property
     def runout_thickness(self) -> float:
         """Thickness of the deposit (m) at the front of the run-out, the same on all grids; 0 for the foremost soil."""
         thickness = self.run.runout_thickness
-        return float(f"{RUNOUT_SHARE * self._height:.3g}") if thickness is None else thickness
+        return front_thickness(self._size) if thickness is None else thickness
 
     @property
     def least_volume(self) -> str | None:

@@ -4,12 +4,15 @@ import dataclasses
 import inspect
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import cooperative
 import jaxmpm as mpm
-from cooperative import Campaign, CampaignGrid, Hazard, Plan, RandomField, Run, Site, TwoPhase, estimate
+import kl
+from cooperative import Campaign, CampaignGrid, Hazard, Plan, RandomField, Run, Site, TwoPhase, estimate, measure
 from cooperative.scene import parse, tables
 from cooperative.scene._words import source_of_value
 from cooperative.scene.tables import SceneTable, SlopeTable
@@ -94,6 +97,64 @@ BUILDERS = (mpm.slope, mpm.Slope.build, mpm.section, mpm.terrain, mpm.column, mp
 )
 def test_builders_have_the_defaults_of_a_scene(builder, argument, table, key):
     assert inspect.signature(builder).parameters[argument].default == tables.keys(table)[key].default
+
+
+OTHER_FACTS = {
+    ("factor_of_safety", "failure_displacement"): "None is 1 m, and none by the limit load",
+    ("factor_of_safety", "settle"): "None is the rule with its defaults",
+    ("report", "slides"): "how many the report draws",
+    ("run_samples", "slides"): "whether runs slide to their end",
+    ("replay", "every"): "a step that gradients go back to",
+    ("solve", "every"): "time between snapshots (s)",
+    ("solve_each", "every"): "time between snapshots (s)",
+    ("block", "gravity"): "a block on a table is drawn without it, None",
+    ("expand", "modes"): "how many terms an expansion has",
+    ("monte_carlo", "samples"): "those that could run, without end in Python",
+    ("Loads", "gravity"): "what a scene of the solver is built of: builders give it",
+}
+"""Arguments that are called as a key of a run or a campaign, and are something else."""
+NO_PARTS = (Campaign, Site, mpm.Discretisation)
+"""Their fields are compared above, or hold other objects than the keys of their names."""
+
+
+def arguments():
+    """Arguments with a default of all public functions and classes of the packages, but for tables of a scene."""
+    seen = set()
+    for module in (cooperative, measure, mpm, mpm.run, mpm.ground, mpm.setup, kl):
+        for made in (getattr(module, name) for name in module.__all__):
+            if not callable(made) or made in seen or made in NO_PARTS or hasattr(made, "__pydantic_fields__"):
+                continue
+            seen.add(made)
+            try:
+                signature = inspect.signature(made)
+            except ValueError:  # of the C library
+                continue
+            for name, argument in signature.parameters.items():
+                if argument.default is not inspect.Parameter.empty:
+                    yield made.__name__, name, argument.default
+
+
+def test_an_argument_that_is_called_as_a_key_has_its_default():
+    keys = {name: default_of(table, name) for table in (Plan, Hazard, Run) for name in tables.keys(table)}
+    differ = {(of, name) for of, name, default in arguments() if name in keys and default != keys[name]}
+    assert differ == OTHER_FACTS.keys()
+
+
+@given(
+    height=st.integers(4, 12), steep=st.sampled_from([0.5, 1.0, 2.0]), foundation=st.integers(1, 8), far=st.floats(1, 9)
+)
+def test_the_front_of_a_run_out_is_as_thick_in_python_as_in_a_campaign(height, steep, foundation, far):
+    clay = mpm.Soil(19e3, 2e7, 0.4, strength=30e3)
+    slope = mpm.Slope(12.0, float(height), steep, 14.0, float(foundation))
+    campaign = in_python(clay, "strength", Site(slope, "fixed"))
+    x, z = (np.ravel(part) for part in np.meshgrid(np.arange(0.25, slope.length, 0.5), np.arange(0.25, 25, 0.5)))
+    position = np.stack([x, z])[:, z < slope.heights(x)]
+    # Soil at the toe moves the farther the higher it lies, so that the front is a wedge.
+    moved = np.stack([far * np.maximum(position[1] - slope.foundation, 0.0), 0 * position[0]])
+    run = position, moved, np.full(position.shape[1], 0.25), slope.face
+    half = np.full(2, 0.25)
+    of_campaign = measure.consequences(*run, half_size=half, runout_thickness=campaign.runout_thickness)
+    assert measure.consequences(*run, half_size=half).runout == of_campaign.runout
 
 
 def test_parts_of_a_campaign_are_the_tables_of_a_scene():
