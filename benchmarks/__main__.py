@@ -30,6 +30,7 @@ def main() -> int:
     parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md and draw its pictures")
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="data of others that a benchmark compares with")
     parser.add_argument("--binary", type=Path, metavar="PATH", help="program of others that a benchmark runs")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="beginnings of the names of cases to run")
     arguments = parser.parse_args()
     if arguments.keep and arguments.quick:
         parser.error("--keep and --quick: RESULTS.md holds whole runs, leave one of them out")
@@ -38,7 +39,7 @@ def main() -> int:
         print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
         return 1 if failed else 0
     run = module(arguments.name).run
-    given = {name: path for name in ("data", "binary") if (path := getattr(arguments, name)) is not None}
+    given = {name: value for name in ("data", "binary", "only") if (value := getattr(arguments, name)) is not None}
     for name in given.keys() - inspect.signature(run).parameters.keys():
         parser.error(f"{arguments.name} takes no --{name}: leave it out")
     report: Report = run(quick=arguments.quick, **given)

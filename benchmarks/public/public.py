@@ -2,26 +2,28 @@
 
 The data stand in a folder that `--data` or JAXMPM_PUBLIC names, one folder a case; docs/trust.md says where their
 sources are. `difference` is ours over theirs less 1, unless the row has a unit. Rows that have been made stand in
-out/public, and a command that was stopped goes on behind them.
+out/public, and a command that was stopped goes on behind them. `--only NAMES` makes rows of the cases whose name begins
+so; of others that have not been made the row says "not run".
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
-from benchmarks.public import dam_breaks, elastic, frank, granular, slopes
-from benchmarks.public.rows import Row
+from benchmarks.public import dam_breaks, elastic, frank, granular, reliability, slopes
+from benchmarks.public.rows import Row, not_run
 
 VARIABLE = "JAXMPM_PUBLIC"
 """Environment variable that names the folder of the data."""
 
 FAMILIES: dict[str, Callable[[Path, bool], dict[str, Callable[[], list[Row]]]]] = {
     "elastic": elastic.cases,
+    "reliability": reliability.cases,
     "dam breaks": dam_breaks.cases,
     "granular": granular.cases,
     "frank": frank.cases,
@@ -61,14 +63,29 @@ def folder(data: Path | None) -> Path:
     return found
 
 
-def rows(data: Path, quick: bool) -> Iterator[Row]:
-    """All rows, those of finished cases from out/public."""
+def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
+    """All rows, those of finished cases from out/public; one of each case that was left out.
+
+    Args:
+        data: folder.
+        quick: whether all is coarser.
+        only: beginnings of the names of cases to run.
+
+    Raises:
+        ValueError: If no case begins so.
+    """
     code = [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))]
     stored = ROOT / "out" / "public" / code_digest(*code)
-    for family in FAMILIES.values():
-        for name, make in family(data, quick).items():
-            print(f"{name} ...", file=sys.stderr, flush=True)
-            yield from stored_row(stored, f"{name}{' quick' if quick else ''}", partial(_made, make))["rows"]
+    made = {name: make for family in FAMILIES.values() for name, make in family(data, quick).items()}
+    if strange := [start for start in only if not any(name.startswith(start) for name in made)]:
+        raise ValueError(f"--only {strange[0]}: no case begins so, give beginnings of {', '.join(made)}")
+    for name, make in made.items():
+        file = f"{name}{' quick' if quick else ''}"
+        if not name.startswith(tuple(only)) and not (stored / f"{file}.json").is_file():
+            yield not_run(name)
+            continue
+        print(f"{name} ...", file=sys.stderr, flush=True)
+        yield from stored_row(stored, file, partial(_made, make))["rows"]
 
 
 def _made(make: Callable[[], list[Row]]) -> Row:
@@ -87,7 +104,7 @@ def summarised(rows: list[Row]) -> Row:
     return values
 
 
-def run(quick: bool, data: Path | None = None) -> Report:
-    """All cases; `quick` on coarse cells."""
-    found = list(rows(folder(data), quick))
+def run(quick: bool, data: Path | None = None, only: Sequence[str] = ("",)) -> Report:
+    """All cases, or those that begin so; `quick` on coarse cells."""
+    found = list(rows(folder(data), quick, only))
     return Report(summarised(found), found)

@@ -216,6 +216,10 @@ def _gapped(scene: Scene) -> bool:
 RESIDUAL = 1e-3
 """Largest unbalanced share of the load."""
 
+ROUNDED = 0.1
+"""Unbalanced share of the load up to which it may be rounding of the displacement: in float32 strains are differences
+of displacements, and over hundreds of cells these are large. What is then left is solved for from the stress found."""
+
 BEDDING = 0.01
 """Stiffness of springs that hold nodes in place, over that of the body along its largest extent."""
 
@@ -279,12 +283,14 @@ def settled(scene: Scene, state: State) -> State:
     if check.is_traced(residual):
         status = jnp.where(residual < RESIDUAL, state.status, int(Status.BAD_PARAMETER))
         return with_stress(scene, replace(state, status=status), balanced)
+    if RESIDUAL <= float(residual) < ROUNDED:
+        balanced, residual, _ = elastic_equilibrium(scene, balanced, gapped=gapped)
     if not float(residual) < RESIDUAL:
-        balanced = _with_loose_soil(scene, stress, gapped)
+        balanced = _with_loose_soil(scene, stress, gapped, float(residual))
     return with_stress(scene, state, balanced)
 
 
-def _with_loose_soil(scene: Scene, stress: Array, gapped: bool) -> Array:
+def _with_loose_soil(scene: Scene, stress: Array, gapped: bool, residual: float) -> Array:
     """Stress in balance with the load everywhere but at nodes that nothing holds.
 
     Where soil thins out, a node may carry mass of a particle that the node's motion does not strain. The equations of
@@ -296,6 +302,7 @@ def _with_loose_soil(scene: Scene, stress: Array, gapped: bool) -> Array:
         scene: to load.
         stress: (s, N) Pa to start from.
         gapped: as of `elastic_equilibrium`.
+        residual: unbalanced share of the load with all nodes free.
 
     Returns:
         Stress (s, N) Pa.
@@ -307,7 +314,7 @@ def _with_loose_soil(scene: Scene, stress: Array, gapped: bool) -> Array:
     extent = float(np.ptp(position, axis=1).max()) + scene.grid.cell
     bedding = jnp.asarray(BEDDING * (wave_speed(scene.particles, scene.material) / extent) ** 2, stress.dtype)
     nodal = np.asarray(Maps(scene, scene.particles.position).to_grid(mass[None], None)[:, 0], float)
-    loose, residual = np.zeros(scene.grid.nodes, bool), np.nan
+    loose = np.zeros(scene.grid.nodes, bool)
     for _ in range(ROUNDS):
         _, _, share = elastic_equilibrium(scene, stress, gapped=gapped, loose=jnp.asarray(loose), bedding=bedding)
         found = ~(np.asarray(share) < LOOSE)
@@ -320,15 +327,16 @@ def _with_loose_soil(scene: Scene, stress: Array, gapped: bool) -> Array:
         if not found.any():
             break
         loose |= found
-        balanced, residual, _ = elastic_equilibrium(scene, stress, gapped=gapped, loose=jnp.asarray(loose))
-        if float(residual) < RESIDUAL:
+        balanced, left, _ = elastic_equilibrium(scene, stress, gapped=gapped, loose=jnp.asarray(loose))
+        residual = float(left)
+        if residual < RESIDUAL:
             check.warn(
                 f"soil that thins out starts without equilibrium, {lost:.1e} of all at {int(loose.sum())} nodes, "
                 f"{_place(scene, nodal * loose)}: it settles in the first steps"
             )
             return balanced
     raise ValueError(
-        f"the initial stress leaves {float(residual):.1e} of the weight unbalanced (limit {RESIDUAL:g}), "
+        f"the initial stress leaves {residual:.1e} of the weight unbalanced (limit {RESIDUAL:g}), "
         f"{_place(scene, nodal * np.nan_to_num(np.asarray(share), nan=1.0, posinf=1.0))}: are the moduli within some "
         "orders of magnitude, and is Poisson's ratio below 0.4999? Else start it with `unstressed`, or take float64"
     )
