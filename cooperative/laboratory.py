@@ -14,6 +14,7 @@ import numpy.typing as npt
 from jaxmpm.support import check
 from jaxmpm.support.table import LENGTHS, Table, measured, number, plain_unit, read_table
 from jaxmpm.support.text import printable, shown
+from jaxmpm.support.values import by_value
 
 Values = npt.NDArray[np.float64]
 Columns = Mapping[str, tuple[str, tuple[str, ...]]]
@@ -97,6 +98,7 @@ def known_units(quantity: str) -> str:
     return ", ".join(reversed(list(first.values())))
 
 
+@by_value
 @dataclass(frozen=True)
 class PointValues:
     """Values of the laboratory, or of vane tests, at points.

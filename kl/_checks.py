@@ -13,11 +13,13 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 
+from kl._values import by_value
+
 Class = TypeVar("Class", bound=type)
 
 
 def pytree(cls: Class) -> Class:
-    """Register a dataclass as a pytree whose structure includes its class.
+    """Register a dataclass as a pytree whose structure includes its class, shown and compared by value.
 
     jaxlib 0.10 may treat two classes with as many fields, registered by `jax.tree_util.register_dataclass`, as one.
 
@@ -40,7 +42,7 @@ def pytree(cls: Class) -> Class:
         return cls(**dict(zip((*static, *leaves), (*structure[1:], *children), strict=True)))
 
     jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
-    return cls
+    return by_value(cls)
 
 
 def is_traced(*trees: object) -> bool:

@@ -236,9 +236,9 @@ class Slides:
             run refined yet.
     """
 
-    failed: np.ndarray
-    slid: np.ndarray
-    weight: np.ndarray
+    failed: np.ndarray = field(repr=False)
+    slid: np.ndarray = field(repr=False)
+    weight: np.ndarray = field(repr=False)
     missing: tuple[int, ...]
 
     @classmethod

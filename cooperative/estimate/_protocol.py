@@ -108,14 +108,14 @@ class Population:
         shared: the audit that campaigns of the same samples have in common, None for one of its own.
     """
 
-    rough_displacement: np.ndarray
-    broke_off: np.ndarray | None = None
-    weight: np.ndarray | None = None
-    replicate: np.ndarray | None = None
-    chains: Chains | None = field(default=None, kw_only=True)
-    number: np.ndarray | None = None
+    rough_displacement: np.ndarray = field(repr=False)
+    broke_off: np.ndarray | None = field(default=None, repr=False)
+    weight: np.ndarray | None = field(default=None, repr=False)
+    replicate: np.ndarray | None = field(default=None, repr=False)
+    chains: Chains | None = field(default=None, kw_only=True, repr=False)
+    number: np.ndarray | None = field(default=None, repr=False)
     failure_displacement: float = 1.0
-    zones: tuple[Zone, ...] | None = None
+    zones: tuple[Zone, ...] | None = field(default=None, repr=False)
     shared: SharedAudit | None = None
 
     @property
@@ -219,10 +219,10 @@ class Failures:
             ones may be below 0.
     """
 
-    number: np.ndarray
-    weight: np.ndarray
-    chance: np.ndarray
-    count: np.ndarray
+    number: np.ndarray = field(repr=False)
+    weight: np.ndarray = field(repr=False)
+    chance: np.ndarray = field(repr=False)
+    count: np.ndarray = field(repr=False)
 
     @property
     def size(self) -> np.ndarray:

@@ -19,6 +19,7 @@ import shapely
 
 from cooperative.measure._track import Track
 from jaxmpm import Face
+from jaxmpm.support.values import by_value
 
 EDGE = "the edge of the polygon"
 """What a slide reached that came to the cut around its ground."""
@@ -32,6 +33,7 @@ SMALLEST_SHARE = 0.01
 """Share of the sliding volume from which on soil that came off the rest is a mass of its own."""
 
 
+@by_value
 @dataclass(frozen=True)
 class OpenGround:
     """Ground without a crest and a toe, a section or a terrain.

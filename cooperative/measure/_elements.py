@@ -12,6 +12,7 @@ import shapely
 from cooperative.measure._vulnerability import Intensity, Vulnerability
 from jaxmpm import Face
 from jaxmpm.support.check import Invalid
+from jaxmpm.support.values import by_value
 
 UNITS: dict[str, tuple[Intensity, float]] = {
     "m": ("thickness", 1.0),
@@ -25,6 +26,7 @@ TOUCH = 1e-9
 """Share of a column below which an element that overlaps it only touches it."""
 
 
+@by_value
 @dataclass(frozen=True)
 class ColumnPlan:
     """Where the columns of cells stand, along the horizontal axes.
@@ -73,6 +75,7 @@ class ColumnPlan:
         return tuple(slices)
 
 
+@by_value
 @dataclass(frozen=True)
 class ElementAtRisk:
     """An element at risk: a road, a house.

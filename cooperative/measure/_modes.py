@@ -23,6 +23,7 @@ import numpy as np
 from cooperative.measure._consequences import checked, largest_per_slice, overlapped_slices
 from cooperative.measure._onsets import ReleaseHistory, releases
 from jaxmpm import Face
+from jaxmpm.support.values import by_value
 
 SEVERITY = ("progressive", "compound", "deep", "shallow")
 
@@ -49,6 +50,7 @@ class ModeRules:
     valley: float = 0.5
 
 
+@by_value
 @dataclass(frozen=True)
 class FailureMode:
     """Failure mode of one final state.

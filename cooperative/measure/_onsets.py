@@ -7,7 +7,10 @@ from typing import Self
 
 import numpy as np
 
+from jaxmpm.support.values import by_value
 
+
+@by_value
 @dataclass(frozen=True)
 class ReleaseHistory:
     """The past of one run, reduced to one number per particle and a few per pair of snapshots.

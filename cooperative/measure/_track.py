@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from jaxmpm.support.values import by_value
+
 BEYOND = 1e5
 """How far (m) the line goes on straight beyond both ends."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Track:
     """Where a slide is expected to go, as a line in plan.

@@ -16,11 +16,13 @@ import numpy as np
 from cooperative.runs._model import GridModel
 from jaxmpm.laws import declared
 from jaxmpm.support import files, hdf5
+from jaxmpm.support.values import by_value
 
 DRAWN = ("cooperative random soil", 1)
 """Kind and schema of the file."""
 
 
+@by_value
 @dataclass(frozen=True)
 class SampleSoil:
     """The random soil of a sample on one grid.

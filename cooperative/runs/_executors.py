@@ -34,6 +34,7 @@ from cooperative.runs._samples import run_samples
 from cooperative.scene import Campaign
 from cooperative.store import FinishedRun
 from jaxmpm.support.pytrees import PYTREES, pytree
+from jaxmpm.support.values import by_value
 
 LOST = "WORKER_LOST"
 """Status of a sample that ended its worker as often as it was tried alone."""
@@ -61,6 +62,7 @@ def _dropped_by_dask() -> bool:
     return task is None or task.state == "cancelled"
 
 
+@by_value
 @dataclass(frozen=True)
 class Packed:
     """A campaign in a task.

@@ -26,6 +26,7 @@ from cooperative.store import Rows, RunRecord, Store, read_rows
 from jaxmpm import Face
 from jaxmpm import ground as shapes
 from jaxmpm.support import files, hdf5
+from jaxmpm.support.values import by_value
 
 GROUND = ("cooperative ground", 3)
 """Kind and schema of the file."""
@@ -35,6 +36,7 @@ POINTS = {2: 401, 3: 101}
 """Points of the outline along each horizontal axis, by dimension."""
 
 
+@by_value
 @with_config(ConfigDict(arbitrary_types_allowed=True))
 @dataclass(frozen=True)
 class StoredGrid:
@@ -55,6 +57,7 @@ class StoredGrid:
     layer: np.ndarray | None = None
 
 
+@by_value
 @dataclass(frozen=True)
 class HazardPlan:
     """What hazard maps are made by.
@@ -72,6 +75,7 @@ class HazardPlan:
     speed: tuple[float, ...]
 
 
+@by_value
 @with_config(ConfigDict(arbitrary_types_allowed=True))
 @dataclass(frozen=True)
 class StoredGround:

@@ -20,9 +20,11 @@ from jaxmpm import Face, Scene, State, with_columns
 from jaxmpm.ground import Contact
 from jaxmpm.laws import Zoned, declared, with_parameters
 from jaxmpm.run import SlidesEnd, column_shape
+from jaxmpm.support.values import by_value
 from kl.marginal import Marginal
 
 
+@by_value
 @dataclass(frozen=True)
 class GridModel:
     """One grid of a campaign, ready to run.

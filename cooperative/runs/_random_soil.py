@@ -19,6 +19,7 @@ import numpy as np
 import kl
 from cooperative.scene import Campaign, CrossCorrelation, RandomField
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 from kl.marginal import Marginal
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
@@ -35,6 +36,7 @@ REMEDY = (
 )
 
 
+@by_value
 @dataclass(frozen=True)
 class Group:
     """Parameters of one expansion.
@@ -94,6 +96,7 @@ class Group:
         return jnp.clip(points, corner, corner + extent)
 
 
+@by_value
 @dataclass(frozen=True)
 class RandomSoil:
     """All that is random in a campaign's soil: the same for every grid.

@@ -24,6 +24,7 @@ from cooperative.store import restart_path
 from jaxmpm import State, load_state, save_state
 from jaxmpm.run import Midway
 from jaxmpm.support import files
+from jaxmpm.support.values import by_value
 
 MEMORY = "memory."
 """Begins the names of the memories of stopping rules in a restart point."""
@@ -31,6 +32,7 @@ PASSED = (1.0, 5.0)
 """Multiples of the failure displacement. A frame is the state after the first chunk of steps that ends beyond one."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Frames:
     """A run at some of its times.

@@ -27,6 +27,7 @@ from jaxmpm import Material, Scene, State, Status, advance, block, ground
 from jaxmpm.laws import declared
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 
 MOST_STEPS = 10**7
 """Of one run. The published slope takes 2,000 and 5,000; with more, rounding in float32 gets the better of a step."""
@@ -257,6 +258,7 @@ def _limits() -> Iterator[float]:
             yield float(soft)
 
 
+@by_value
 @dataclass(frozen=True)
 class Cost:
     """What a campaign takes on this machine.

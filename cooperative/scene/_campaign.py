@@ -47,6 +47,7 @@ from jaxmpm.run import Rule, least_failing_volume
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 if TYPE_CHECKING:
     from jaxmpm.seepage import PressureInTime
@@ -58,6 +59,7 @@ BAND = 1 / 5
 """Thickness of the band to which softening refers, over the slope's height, where the soil gives none."""
 
 
+@by_value
 @table
 class Campaign(Part):
     """A campaign, written in Python or read from a scene.

@@ -28,6 +28,7 @@ from jaxmpm import BaseMotion, Raster, read_line, read_motion, read_raster
 from jaxmpm.support import check
 from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 T = TypeVar("T")
 
@@ -37,6 +38,7 @@ MOST_SAMPLES = 200_000
 """Samples of a record in a scene."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Files:
     """What the files hold that a scene names.

@@ -16,6 +16,7 @@ from jaxmpm.ground import Thickness
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 if TYPE_CHECKING:
     from cooperative.scene._flow import Resting
@@ -28,6 +29,7 @@ class StrengthByStress(NamedTuple):
     minimum: float
 
 
+@by_value
 @dataclass(frozen=True)
 class SiteLayer:
     """A layer of a campaign's ground: its name, its soil with the means of what varies and its lower boundary.
@@ -68,6 +70,7 @@ class SiteLayer:
         return self.name.startswith("layer ")
 
 
+@by_value
 @dataclass(frozen=True)
 class Site:
     """The ground of a campaign.

@@ -15,6 +15,7 @@ from cooperative.scene._stored import stored_measured
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._varied import SCENARIO, Varied, base_of, path_of, variants_of
 from cooperative.store import GRIDS, Source, table_of
+from jaxmpm.support.values import by_value
 
 LENGTHS = ("lx", "ly", "lz")
 BASE, RANKED = "base", "ranked"
@@ -22,6 +23,7 @@ BESIDE = ("files",)
 """Tables that stand beside the text of a scene."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Variant:
     """One campaign of a sweep.

@@ -18,6 +18,7 @@ from cooperative.store._database import DATABASE, connect, explained, transactio
 from cooperative.store._source import Source
 from jaxmpm import __version__
 from jaxmpm.support.hdf5 import Scalar
+from jaxmpm.support.values import by_value
 
 COARSE = "coarse"
 """A grid before the rough one, which a campaign may have: it chooses the samples of that one."""
@@ -29,6 +30,7 @@ MOVING = "moving"
 """Restart points of slides that had not come to rest when they ended."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Store:
     """An open campaign `folder`.
@@ -97,6 +99,7 @@ class Store:
             os.close(self.lock)
 
 
+@by_value
 @dataclass(frozen=True)
 class RunRecord:
     """A finished sample without its arrays, see `FinishedRun`.
@@ -122,6 +125,7 @@ class RunRecord:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
+@by_value
 @dataclass(frozen=True)
 class FinishedRun:
     """One finished sample on one grid.
@@ -157,6 +161,7 @@ class FinishedRun:
         return float(self.row["displacement"]), bool(self.row["broke_off"])
 
 
+@by_value
 @dataclass(frozen=True)
 class Rows:
     """The table of one grid.

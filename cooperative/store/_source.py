@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from jaxmpm.support.text import short
+from jaxmpm.support.values import by_value
 
 MOST_TEXT = 2**20
 """Bytes that a scene or a lock may have."""
@@ -28,6 +29,7 @@ OF_THE_FOLDER = ("files", "estimator", "calibration", "limit_load")
 """Tables that are the folder's where a scene that is given again does not have them."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Source:
     """What a campaign was made from.

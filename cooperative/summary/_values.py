@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from cooperative.estimate import Correlation, Estimate, Exceedance, Fits, Severity
 from cooperative.scene import Budget, Calibration, LimitLoad
+from jaxmpm.support.values import by_value
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,7 @@ class SampleLoss:
     share: float
 
 
+@by_value
 @dataclass(frozen=True)
 class Loss:
     """Expected loss at all elements at risk together.
@@ -161,6 +163,7 @@ class Element:
     ground: Spread | None
 
 
+@by_value
 @dataclass(frozen=True)
 class Risk:
     """Risk of the elements at risk.
@@ -204,6 +207,7 @@ class MoreRuns:
     all_samples: float | None
 
 
+@by_value
 @dataclass(frozen=True)
 class Convergence:
     """The estimate as refined runs came in.
@@ -236,6 +240,7 @@ class StandsFor:
     slide_weight: float
 
 
+@by_value
 @dataclass(frozen=True)
 class FailureProbability:
     """How likely a sample fails, and what that rests on.
@@ -303,6 +308,7 @@ class FailureProbability:
         )
 
 
+@by_value
 @dataclass(frozen=True)
 class FailureModes:
     """In which way slopes fail.
@@ -316,6 +322,7 @@ class FailureModes:
     severity: Mapping[str, tuple[Severity, ...]]
 
 
+@by_value
 @dataclass(frozen=True)
 class FailureConsequences:
     """What slides do, each weighed by what it stands for.
@@ -346,6 +353,7 @@ class FailureConsequences:
         return self.risk.places if self.risk else {}
 
 
+@by_value
 @dataclass(frozen=True)
 class CampaignCost:
     """What ran, and what further runs would bring.
@@ -379,6 +387,7 @@ class CampaignCost:
     after_more_runs: MoreRuns
 
 
+@by_value
 @dataclass(frozen=True)
 class Summary:
     """A campaign in numbers.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +14,11 @@ from jax.typing import ArrayLike
 from jaxmpm.boundary import on_contact
 from jaxmpm.equations import MASS_FLOOR, Maps
 from jaxmpm.laws import declared
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Scene
 
 
+@by_value
 @dataclass(frozen=True)
 class Contact:
     """Nodes of a scene at which soil slides on rigid ground.
@@ -28,7 +30,7 @@ class Contact:
         below: for each of them the number of the nearest one below soil (n,), itself where soil lies on it.
     """
 
-    scene: Scene
+    scene: Scene = field(repr=False)
     nodes: np.ndarray
     points: np.ndarray
     below: np.ndarray

@@ -9,6 +9,7 @@ from jaxmpm.ground._raster import Raster
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 Line = Sequence[Sequence[float]]
 """Points (x, z) m with x rising; two points of the same x make a step."""
@@ -17,6 +18,7 @@ Box = tuple[tuple[float, ...], tuple[float, ...]]
 """Lowest corner and edges (d,) m."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Layer:
     """A layer of soil, from the surface or the layer before it down to its own lower boundary.

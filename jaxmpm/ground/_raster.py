@@ -15,6 +15,7 @@ from jaxmpm.support import check, files
 from jaxmpm.support.extras import extra
 from jaxmpm.support.table import decoded
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -63,6 +64,7 @@ CORNERS = (("xllcorner", "yllcorner", 0.5), ("xllcenter", "yllcenter", 0.0))
 """Keys of an ESRI grid's lower left corner, and the distance of the first point from it in steps."""
 
 
+@by_value
 @dataclass(frozen=True, eq=False)
 class Raster:
     """Heights on a square grid of points, linear between them.

@@ -12,6 +12,7 @@ import numpy as np
 from jaxmpm.ground._layer import Layer, labels
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 
 RESOLVING = 2.0
 """Least number of cells in the thickness of a weak layer for its own strength to apply at any position."""
@@ -20,6 +21,7 @@ WEAK = 0.8
 """Largest strength of a weak layer, over that of the soil beside it."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Thickness:
     """Thickness of a layer.

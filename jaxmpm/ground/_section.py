@@ -48,12 +48,14 @@ from jaxmpm.setup import (
 from jaxmpm.soil import AnySoil, Interface
 from jaxmpm.support import check
 from jaxmpm.support.tracing import host, require_known
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Loads, Scene, State
 
 POINTS = 512
 """Points between the walls at which layers are sampled."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Section:
     """The outline of a section.

@@ -17,9 +17,11 @@ from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import Discretisation, cells_up, check_discretisation
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Scene, State
 
 
+@by_value
 @dataclass(frozen=True)
 class Slope:
     """A slope over a foundation, falling along x from the crest at x = 0.

@@ -37,12 +37,14 @@ from jaxmpm.setup import (
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, at_once, require_known, taken
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Loads, Scene, State
 
 POINTS = 64
 """Points along each wall at which layers are sampled."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Terrain:
     """Ground under a terrain model, between four upright walls and on a rigid level base.

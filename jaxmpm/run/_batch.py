@@ -16,6 +16,7 @@ from jaxmpm.run._advance import advance_lanes, is_none, take
 from jaxmpm.run._devices import mesh_of, placed
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Rule, SlidesEnd, Watch, farthest, steps_until
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Scene, State, Status
 
 Tree = TypeVar("Tree")
@@ -24,6 +25,7 @@ QUARTER = 4
 """Lanes at the start over lanes at the end, when the last samples run."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Chunk:
     """Numbers of one chunk of steps.
@@ -39,6 +41,7 @@ class Chunk:
     steps: int
 
 
+@by_value
 @dataclass(frozen=True)
 class Midway:
     """An unfinished sample.

@@ -21,6 +21,7 @@ from jaxmpm._step import stepped
 from jaxmpm.run._advance import checked, running
 from jaxmpm.run._checks import check_state
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
 from jaxmpm.types import Scene, State
@@ -30,6 +31,7 @@ from jaxmpm.types import Scene, State
 STEP_IN_STATES, MORE_WITH_FRICTION, MORE_WITH_FINITE_STRAIN = 10, 4, 16
 
 
+@by_value
 @dataclass(frozen=True)
 class Checkpoints:
     """Nested loops of a run for reverse mode.

@@ -16,9 +16,11 @@ from jaxmpm.run._checks import check_state
 from jaxmpm.run._stopping import Condition, Rule, Watch, check_duration, check_rules, steps_until
 from jaxmpm.setup import check_scene
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Scene, State, Status
 
 
+@by_value
 @dataclass(frozen=True)
 class Result:
     """Outcome of `solve`; of a batch, every array has the lanes first.

@@ -17,9 +17,11 @@ from jaxmpm import diagnostics
 from jaxmpm.run._advance import over_lanes
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Scene, State, Status
 
 
+@by_value
 @dataclass(frozen=True)
 class Reading:
     """Numbers of all lanes after a chunk of steps, () each without lanes.

@@ -22,9 +22,11 @@ from jaxmpm.run._stopping import Exceeds, Settle, check_duration, check_volume, 
 from jaxmpm.setup import WALL_STRENGTH, check_scene
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 from jaxmpm.types import Boundary, Scene, State
 
 
+@by_value
 @dataclass(frozen=True)
 class FactorOfSafety:
     """Result of strength reduction.

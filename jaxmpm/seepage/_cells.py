@@ -13,6 +13,7 @@ from jaxmpm.ground import Ground, check_ground
 from jaxmpm.ground import floor as floor_of
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 Side = Literal["surface", "base", "left", "right", "front", "back"]
 
@@ -30,6 +31,7 @@ ENDS: dict[str, tuple[int, int]] = {"left": (0, -1), "right": (0, 1), "front": (
 """Axis of the ends of the grid, and the way outwards along it."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Faces:
     """Outer faces of some cells; nf is their number.
@@ -53,6 +55,7 @@ class Faces:
     level: NDArray[np.bool_]
 
 
+@by_value
 @dataclass(frozen=True)
 class Cells:
     """A regular grid of cells, of which the active ones hold soil.

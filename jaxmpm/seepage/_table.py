@@ -19,6 +19,7 @@ from jaxmpm.seepage._series import TIMES, in_unit
 from jaxmpm.support import check
 from jaxmpm.support.table import LENGTHS, Table, measured, number, plain_unit, read_table
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 Values = NDArray[np.floating]
 
@@ -127,6 +128,7 @@ class _Surface:
         return level
 
 
+@by_value
 @dataclass(frozen=True)
 class TableHeads:
     """Heads of a table at one time.
@@ -159,6 +161,7 @@ class TableHeads:
         return total - place[-1]
 
 
+@by_value
 @dataclass(frozen=True, eq=False)
 class PressureTable:
     """Pore pressure in time from another program, with the seam of a `Flow`.

@@ -13,6 +13,7 @@ from jax.typing import DTypeLike
 from jaxmpm.protocols import Kernel
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Scheme
 
@@ -22,6 +23,7 @@ USL_CFL = 0.72
 """Largest stable CFL number of USL, of one particle a cell; USF and MUSL are stable beyond 1 (benchmarks/stability)."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Discretisation:
     """Cell, particle spacing and numerical choices.

@@ -13,8 +13,10 @@ from jaxmpm.soil._limits import ANGLE
 from jaxmpm.soil._soil import check_numbers, moduli, radians
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, host
+from jaxmpm.support.values import by_value
 
 
+@by_value
 @dataclass(frozen=True)
 class CamClaySoil:
     """Clay of Modified Cam Clay in effective stress, in SI units; see `jaxmpm.laws.ModifiedCamClay`.
@@ -74,6 +76,7 @@ class CamClaySoil:
         return ModifiedCamClay(*map(number, (bulk, shear, *numbers)))
 
 
+@by_value
 @dataclass(frozen=True)
 class AnisotropicSoil:
     """Undrained clay with strength by direction, in SI units; see `jaxmpm.laws.AnisotropicUndrained`.
@@ -117,6 +120,7 @@ class AnisotropicSoil:
         return AnisotropicUndrained(*(array(value, dtype) for value in numbers))
 
 
+@by_value
 @dataclass(frozen=True)
 class GranularSoil:
     """Dry grains that flow with the friction mu(I), in SI units and degrees; see `jaxmpm.laws.MuI`.

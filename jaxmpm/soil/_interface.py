@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 from jaxmpm.soil._limits import LIMITS
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 
 
+@by_value
 @dataclass(frozen=True)
 class Interface:
     """Strength of the contact between soil and the rigid base: for sliding on rock, or on a seam thinner than a cell.

@@ -28,6 +28,7 @@ from jaxmpm.laws import (
 from jaxmpm.soil._limits import LIMITS
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array
+from jaxmpm.support.values import by_value
 
 Number = TypeVar("Number", float, Array)
 
@@ -45,6 +46,7 @@ class PlasticStrain(enum.Enum):
     EQUIVALENT = "equivalent"
 
 
+@by_value
 @dataclass(frozen=True)
 class Soil:
     """An elastic soil with undrained strength, in SI units.
@@ -147,6 +149,7 @@ class Soil:
         return RateEffect(number(self.rate_coefficient), number(self.reference_rate))
 
 
+@by_value
 @dataclass(frozen=True)
 class FrictionalSoil:
     """An elastic soil with cohesion and friction, in SI units and degrees.

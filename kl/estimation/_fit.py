@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kl._checks import finite, require
+from kl._values import by_value
 from kl.axis import Exponential, Scaled
 from kl.estimation._likelihood import Cell, cells
 from kl.estimation._model import SAME_POSITION, Model
@@ -69,6 +70,7 @@ class Interval(NamedTuple):
     error: float
 
 
+@by_value
 @dataclass(frozen=True)
 class Draws:
     """Draws of all parameters together, each (K,).
@@ -92,6 +94,7 @@ class Draws:
     scale: HostArray
 
 
+@by_value
 @dataclass(frozen=True)
 class FieldFit:
     """What values at points show of a random field.

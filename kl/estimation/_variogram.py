@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from kl._checks import require
+from kl._values import by_value
 from kl.axis import Covariance
 from kl.types import HostArray
 
@@ -24,6 +25,7 @@ FEWEST = 3
 """Classes of lags from which a variogram is fitted."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Variogram:
     """Half the mean squared difference of values at a lag.
@@ -39,6 +41,7 @@ class Variogram:
     pairs: HostArray
 
 
+@by_value
 @dataclass(frozen=True)
 class VariogramFit:
     """gamma(h) = nugget + sill (1 - c(h)).

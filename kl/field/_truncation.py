@@ -17,11 +17,13 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from kl._checks import finite, positive, require
+from kl._values import by_value
 from kl.axis import scaled_functions
 from kl.field._evaluation import coefficient_tensor, lattice_in_box, lattice_sum, point_sum, points_in_box
 from kl.field._expansion import Expansion
 
 
+@by_value
 @dataclass(frozen=True)
 class CapturedVariance:
     """Variance of a truncated standard field, exactly 1 without truncation.

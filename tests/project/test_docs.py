@@ -7,7 +7,6 @@ from benchmarks.measure import ROOT
 from benchmarks.project import docs
 from cooperative import runs
 from cooperative.scene import parse
-from jaxmpm.support.pytrees import equal
 
 README = docs.page("README.md")
 DEMO = ROOT / "benchmarks" / "scenes" / "demo.toml"
@@ -75,8 +74,8 @@ def test_gradient_in_the_readme_is_of_the_demos_slope():
     demo = parse(DEMO)
     there = runs.build(demo, "rough", runs.random_soil(demo))
     weaker, _ = mpm.with_soil(there.scene, there.state, strength=30e3)
-    assert equal(names["scene"], weaker)
-    assert equal(names["state"], there.state)
+    assert names["scene"] == weaker
+    assert names["state"] == there.state
     assert "toe=60 + 24" in block
     assert demo.ground.shape.face.toe_x == 60 + 24
 

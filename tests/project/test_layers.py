@@ -18,7 +18,7 @@ ROOMS = {
         "support grid protocols types storage tensors transfer laws boundary equations _step diagnostics soil setup "
         "ground seepage run io plot"
     ),
-    "kl": "_checks types axis marginal sampling field estimation soil gstools plots",
+    "kl": "_values _checks types axis marginal sampling field estimation soil gstools plots",
     "cooperative": (
         "names estimate store measure laboratory example_scenes scene runs summary folder hazard campaign exports "
         "reporting one_run doctor tools"

@@ -33,6 +33,7 @@ from pydantic_core import PydanticCustomError
 import jaxmpm as mpm
 from jaxmpm.support.check import Invalid, Limit, above_zero, from_zero
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 T = TypeVar("T")
 F = TypeVar("F")
@@ -111,7 +112,7 @@ def table(kind: type[T]) -> type[T]:
             raise refusal(made, given | kwargs, error) from error
 
     made.__init__ = checked
-    return cast(type[T], made)
+    return cast(type[T], by_value(made))
 
 
 def keys(kind: type) -> Mapping[str, FieldInfo]:

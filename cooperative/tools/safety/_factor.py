@@ -31,6 +31,7 @@ from jaxmpm.laws import WaterTable, declared
 from jaxmpm.run import FactorOfSafety
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 
 APART = 0.02
 """Share by which two factors of safety differ before reasons are given."""
@@ -56,6 +57,7 @@ Water = float | Sequence[Sequence[float]] | None
 Progress = Callable[[Sequence[float], Sequence[float]], None]
 
 
+@by_value
 @dataclass(frozen=True)
 class Safety:
     """Factors of safety of a slope.

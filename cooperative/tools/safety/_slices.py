@@ -21,6 +21,7 @@ from cooperative.tools.safety._moving import MovingWater
 from jaxmpm import Layer, Section, Soil
 from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support.values import by_value
 
 ROUNDING = 1e-6
 """Distance within which points of a line are one (m)."""
@@ -128,6 +129,7 @@ class Circle:
     radius: float
 
 
+@by_value
 @dataclass(frozen=True)
 class Slip:
     """A slip surface and its factor of safety.
@@ -229,6 +231,7 @@ class _Bodies:
         return share > self.tension
 
 
+@by_value
 @dataclass(frozen=True)
 class Slices:
     """A section, ready for slip surfaces.

@@ -11,8 +11,10 @@ from cooperative.tools.site._section import DrawnSection
 from cooperative.tools.soundings import SiteError, Stresses, Values
 from jaxmpm.soil import unit_slip
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 
 
+@by_value
 @dataclass(frozen=True)
 class Assumed:
     """What the interpretation rests on beside the files.

@@ -36,6 +36,7 @@ from cooperative.tools.soundings import (
 )
 from jaxmpm.soil import soil_limits
 from jaxmpm.support import check
+from jaxmpm.support.values import by_value
 from kl.estimation import FieldFit, Interval, fit_field, interval_of
 from kl.marginal import Lognormal
 
@@ -56,6 +57,7 @@ LEAST_ERROR = 0.1
 """Deviation of the conditioning values over that of the field, at least: a field of finitely many terms needs some."""
 
 
+@by_value
 @dataclass(frozen=True)
 class SiteLayerFit:
     """A layer of a site with its random parameter.
@@ -97,6 +99,7 @@ class SiteLayerFit:
         return max(LEAST_ERROR, math.sqrt(nugget / (1 - nugget)))
 
 
+@by_value
 @dataclass(frozen=True)
 class SiteEstimate:
     """What the files of a site hold.

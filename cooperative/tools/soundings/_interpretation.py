@@ -18,6 +18,7 @@ from cooperative.laboratory import SiteError, Values
 from cooperative.tools.soundings._sounding import Sounding
 from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.support.text import shown
+from jaxmpm.support.values import by_value
 
 ATMOSPHERE = 1e5
 """Pa."""
@@ -141,6 +142,7 @@ def behaviour_index(sounding: Sounding, stresses: Stresses) -> Values:
     return np.where(np.isfinite(index), index, np.nan)
 
 
+@by_value
 @dataclass(frozen=True)
 class ProposedLayer:
     """A layer of a site.

@@ -14,6 +14,7 @@ from cooperative.laboratory import SiteError, Values, numbers
 from jaxmpm.support import check
 from jaxmpm.support.table import number
 from jaxmpm.support.text import printable, shown
+from jaxmpm.support.values import by_value
 
 STEEPEST = 45.0
 """Inclination (degrees) of a cone that no sounding reaches."""
@@ -25,6 +26,7 @@ LARGEST_DEPTH = 200.0
 """Depth (m) of a sounding above which the number is in another unit."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Sounding:
     """A cone penetration test. Gaps are nan: nothing is filled in.
