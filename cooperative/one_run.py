@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from subprocess import CalledProcessError
@@ -148,15 +148,19 @@ def slide(
 def _certain(campaign: Campaign) -> Campaign:
     """The campaign with the means of all that is random: its median soil then is its mean soil."""
 
-    def certain(random: dict[str, RandomField]) -> dict[str, RandomField]:
-        return {
-            name: replace(varies, marginal=kl.Normal, cov=CERTAIN, lower=None, upper=None, boreholes=None)
-            for name, varies in random.items()
-        }
+    def certain(varies: RandomField) -> RandomField:
+        return replace(varies, marginal=kl.Normal, cov=CERTAIN, lower=None, upper=None, boreholes=None)
 
-    site = campaign.site
-    layers = tuple(replace(layer, random=certain(dict(layer.random))) for layer in site.layers)
-    return replace(campaign, random=certain(dict(campaign.random)), ground=replace(site, layers=layers))
+    def all_certain(random: Mapping[str, RandomField]) -> dict[str, RandomField]:
+        return {name: certain(varies) for name, varies in random.items()}
+
+    site, rain, drawdown = campaign.site, campaign.rain, campaign.drawdown
+    return replace(
+        campaign, random=all_certain(campaign.random),
+        ground=replace(site, layers=tuple(replace(each, random=all_certain(each.random)) for each in site.layers)),
+        rain=None if rain is None else rain.with_conductivities(lambda varies, _: certain(varies)),
+        drawdown=None if drawdown is None else drawdown.with_conductivities(lambda varies, _: certain(varies)),
+    )  # fmt: skip
 
 
 def lines(run: Slide) -> Iterator[str]:

@@ -7,6 +7,7 @@ from cooperative.runs._dask import dask_executor
 from cooperative.runs._drawn import Drawn, SampleSoil, keep_drawn, read_drawn, rock_of, soil_of, strength_of
 from cooperative.runs._executors import Packed, Workers, packed, run_through
 from cooperative.runs._flags import check_flags, missing_device, set_flags
+from cooperative.runs._flow import conductivity_of, own_flows, under_own_flow
 from cooperative.runs._ground import (
     HazardPlan,
     StoredGrid,
@@ -72,6 +73,7 @@ __all__ = [
     "check_flags",
     "check_size",
     "coefficients_of",
+    "conductivity_of",
     "cores_to_use",
     "cost_of",
     "dask_executor",
@@ -87,6 +89,7 @@ __all__ = [
     "memory_mappings",
     "missing_device",
     "name_of_rank",
+    "own_flows",
     "packed",
     "phases_of",
     "process_pool",
@@ -110,6 +113,7 @@ __all__ = [
     "soil_of",
     "stop_by_signals",
     "strength_of",
+    "under_own_flow",
     "verify_initial",
     "warnings_of",
 ]

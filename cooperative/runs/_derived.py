@@ -16,8 +16,8 @@ from jaxmpm.soil import AnySoil
 RATIO, SATURATED = "strength_ratio", "saturated_unit_weight"
 IN_LAW = {RATIO: "strength", SATURATED: "unit_weight"}
 """Parameter of the law, or of the particles, to which each contributes."""
-LEVEL = "water_level"
-"""What `jaxmpm.with_soil` calls the height of the water."""
+LEVEL, PRESSURE, ON_WALLS = "water_level", "pore_pressure", "wall_pressure"
+"""What `jaxmpm.with_soil` calls the height of the water, its pressure in the soil and on rigid ground."""
 
 
 def by_stress(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -13,15 +13,27 @@ import numpy as np
 import jaxmpm
 import kl
 from cooperative.measure import ColumnPlan, OpenGround
-from cooperative.runs._derived import IN_LAW, LEVEL, RATIO, SATURATED, by_stress, wet_or_dry, wetted
+from cooperative.runs._derived import (
+    IN_LAW,
+    LEVEL,
+    ON_WALLS,
+    PRESSURE,
+    RATIO,
+    SATURATED,
+    by_stress,
+    wet_or_dry,
+    wetted,
+)
+from cooperative.runs._flow import under_own_flow
 from cooperative.runs._random_soil import RandomSoil
-from cooperative.scene import CONTACT, Campaign, RandomField
+from cooperative.runs._values import growth_at, values_at
+from cooperative.scene import CONTACT, Campaign, RandomField, rested
 from jaxmpm import Face, Scene, State, with_columns
 from jaxmpm.ground import Contact
 from jaxmpm.laws import Zoned, declared, with_parameters
 from jaxmpm.run import SlidesEnd, column_shape
+from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support.values import by_value
-from kl.marginal import Marginal
 
 
 @by_value
@@ -125,7 +137,7 @@ class GridModel:
     def paths(self) -> dict[str, str]:
         """Where `jaxmpm.with_soil` and `solve_each` find the parameters that samples differ in, by name."""
         numbers, site = declared(self.scene.material), self.campaign.site
-        varied = (*self.names, *self.of_contact, *(() if site.level is None else (LEVEL,)))
+        varied = (*self.names, *self.of_contact, *(() if site.level is None else (LEVEL,)), *self.of_flow)
         return {name: numbers[name].path if name in numbers else name for name in varied}
 
     @property
@@ -133,6 +145,16 @@ class GridModel:
         """Which strengths of the interface differ at its nodes: random ones, and those of the soil."""
         random, soil = self.campaign.random, self.campaign.site.contact_of_soil
         return tuple(key for name, key in CONTACT.items() if name in random or name.removeprefix("interface_") in soil)
+
+    @property
+    def of_flow(self) -> tuple[str, ...]:
+        """What the flow of each sample gives its scene, where its conductivity varies."""
+        if not self.campaign.conductivities:
+            return ()
+        resting = rested(self.campaign).site.pressure
+        assert resting is not None
+        weighs, presses = not np.isnan(resting.dry).all(), self.scene.boundary.pressure is not None
+        return (PRESSURE, *(("unit_weight",) if weighs else ()), *((ON_WALLS,) if presses else ()))
 
     @cached_property
     def contact(self) -> Contact:
@@ -142,7 +164,7 @@ class GridModel:
     @property
     def own_start(self) -> bool:
         """Whether samples have an initial stress and a time step of their own: random stiffness, weight or water."""
-        return not {"young", "poisson", "unit_weight", LEVEL}.isdisjoint(self.paths)
+        return not {"young", "poisson", "unit_weight", LEVEL, PRESSURE}.isdisjoint(self.paths)
 
     def refuse_own_start(self) -> None:
         """Raise ValueError where samples have an initial stress of their own, which a gradient would leave out."""
@@ -173,7 +195,7 @@ class GridModel:
         """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands."""
         level = self.water_level(coefficients)
         values = {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients), level).items()}
-        values |= self._at_contact(coefficients, values)
+        values |= self._at_contact(coefficients, values) | self._under_water(coefficients)
         return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.loads.gravity.dtype)}
 
     def water_level(self, coefficients: jax.Array | np.ndarray | None = None) -> float | None:
@@ -266,18 +288,8 @@ class GridModel:
     def growth_of_trends(self) -> dict[str, tuple[jax.Array | None, ...]]:
         """By what the trend of each parameter that varies multiplies it at the particles (N,), in each layer."""
         site, numerics = self.campaign.site, self.campaign.grids[self.grid]
-
-        def growth(points: np.ndarray, layer: RandomField | float, number: int) -> jax.Array | None:
-            if not isinstance(layer, RandomField) or layer.trend is None:
-                return None
-            depth = site.depth(points, layer, number, numerics if site.layers else None)
-            return jnp.asarray(layer.grown(depth), self.scene.particles.position.dtype)
-
         return {
-            name: tuple(
-                growth(np.asarray(self._points(random)), layer, number)
-                for number, layer in enumerate(site.values_of(name, random))
-            )
+            name: growth_at(site, site.values_of(name, random), self._points(random), numerics)
             for name, random in self.campaign.random.items()
         }
 
@@ -293,14 +305,14 @@ class GridModel:
 
     def _drawn(self, coefficients: jax.Array | np.ndarray | None) -> dict[str, jax.Array]:
         """What is random at the particles (N,), in engineers' numbers."""
-        sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
-        by_layer = {group.layer: self.soil.coefficients(sample, group.layer) for group in self.soil.groups}
+        sample, site = np.zeros(self.soil.modes) if coefficients is None else coefficients, self.campaign.site
         return {
-            name: self._values(
-                random, name, {layer: values[name] for layer, values in by_layer.items() if name in values}, sample
+            name: values_at(
+                self.soil, name, site.values_of(name, random), self._points(random), self.growth[name], self.layer,
+                sample,
             )
             for name, random in self.campaign.random.items()
-        }
+        }  # fmt: skip
 
     def _at_contact(
         self, coefficients: jax.Array | np.ndarray | None, soil: Mapping[str, jax.Array]
@@ -330,6 +342,19 @@ class GridModel:
             strength = jnp.tan(jnp.deg2rad(value)) if key == CONTACT["interface_friction"] else value
             from_soil[key] = contact.spread(self.strength_factor * strength)
         return from_soil
+
+    def _under_water(self, coefficients: jax.Array | np.ndarray | None) -> dict[str, jax.Array]:
+        """Pore pressure of a sample's own flow, and what goes with it; nothing where conductivity does not vary."""
+        if not self.of_flow:
+            return {}
+        campaign, scene = self.campaign, self.scene
+        own = under_own_flow(campaign, self.soil, coefficients).site
+        assert own.pressure is not None
+        bare = replace(scene, loads=replace(scene.loads, pore_pressure=None))
+        wet = own.pressure.on(bare, own, campaign.grids[self.grid])
+        weight = STANDARD_GRAVITY * wet.particles.mass / wet.particles.volume
+        given = {PRESSURE: wet.loads.pore_pressure, "unit_weight": weight, ON_WALLS: wet.boundary.pressure}
+        return {name: value for name in self.of_flow if (value := given[name]) is not None}
 
     def _in_law(self, drawn: Mapping[str, jax.Array], level: float | None) -> dict[str, jax.Array]:
         """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""
@@ -371,53 +396,3 @@ class GridModel:
         values = np.array([getattr(soil, name, None) for soil in soils], float)
         scale = number.value / (values[0] if self.layer is None else values[self.layer])
         return value / scale if inverse else value * scale
-
-    def _values(
-        self, random: RandomField, name: str, coefficients: Mapping[int | None, jax.Array | np.ndarray],
-        sample: jax.Array | np.ndarray,
-    ) -> jax.Array:  # fmt: skip
-        """A parameter at the particles (N,) of a sample, of the coefficients of its fields by where they stop."""
-        points = self._points(random)
-        layers = self.campaign.site.values_of(name, random)
-        groups = self.soil.groups_of(name)
-        fields = tuple((group.expansion, coefficients[stops], group.inside(points)) for stops, group in groups.items())
-        numbers = list(groups)
-        of_layer = [number if number in groups else None for number in range(len(layers))]
-        marginals = tuple(
-            self.soil.marginal(layer, name, sample, stops) for layer, stops in zip(layers, of_layer, strict=True)
-        )
-        which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
-        grown = tuple(
-            _times(growth, self.soil.factor(layer, sample))
-            for growth, layer in zip(self.growth[name], layers, strict=True)
-        )
-        return _values(fields, which, marginals, grown, self.layer)
-
-
-def _times(growth: jax.Array | None, factor: jax.Array | None) -> jax.Array | None:
-    """The product, of which None is no factor."""
-    if growth is None or factor is None:
-        return factor if growth is None else growth
-    return growth * factor.astype(growth.dtype)
-
-
-@partial(jax.jit, static_argnames="which")
-def _values(
-    fields: tuple[tuple[kl.Expansion, jax.Array | np.ndarray, jax.Array], ...],
-    which: tuple[int, ...],
-    marginals: tuple[Marginal, ...],
-    grown: tuple[jax.Array | None, ...],
-    layer: np.ndarray | None,
-) -> jax.Array:
-    """fields: expansions, their coefficients and points.
-
-    which: number of the field of each layer.
-    """
-    gaussian = [kl.field_at(*field) for field in fields]
-    each = [
-        marginal.transform(gaussian[number]) if growth is None else marginal.transform(gaussian[number]) * growth
-        for number, marginal, growth in zip(which, marginals, grown, strict=True)
-    ]
-    if layer is None:
-        return each[0]
-    return jnp.take_along_axis(jnp.stack(each), jnp.asarray(layer)[None], axis=0)[0]

@@ -1,4 +1,4 @@
-"""The random parameters of a scene's soil, their expansions, and which coefficients are whose.
+"""The random parameters of a scene's soil and its water, their expansions, and which coefficients are whose.
 
 Parameters that correlate share an expansion and are made from independent fields of it; their borehole values condition
 all of them together, since a value of one informs the others. These values hold but for a factor that a sample may
@@ -208,14 +208,13 @@ def random_soil(campaign: Campaign) -> RandomSoil:
     """
     campaign.require()
     site, correlated = campaign.site, campaign.cross_correlation
-    through = {name for name in campaign.random if site.spans(name)}
+    through = {name for name in campaign.varying if site.spans(name)}
     if correlated is not None and not through.isdisjoint(correlated.parameters):
         through |= {*correlated.parameters}
-    fields = {name: field for name, field in campaign.random.items() if name in through}
+    fields = {name: field for name, field in campaign.varying.items() if name in through}
     parts = [_part(campaign, None, fields, (site.shape.corner, site.shape.extent))] if fields else []
-    for number, layer in enumerate(site.layers):
-        if layer.own:
-            fields_there = {name: field for name, field in layer.random.items() if name in layer.own}
+    for number in range(len(site.layers)):
+        if fields_there := campaign.varying_in(number):
             parts.append(_part(campaign, number, fields_there, site.box_of(number)))
     soil = _random_soil(tuple(parts), correlated, campaign.measured.terms)
     return soil if site.level is None else replace(soil, others=1)

@@ -32,6 +32,7 @@ from cooperative.scene._typed import built, parse, read_scene, rested, source_of
 from cooperative.scene._variants import BASE, RANKED, Variant, campaigns_of, variants, with_measured_of_base
 from cooperative.scene._varied import SCALES, SCENARIO, changed
 from cooperative.scene.tables import (
+    CONDUCTIVITY,
     CONTACT,
     TAIL,
     Budget,
@@ -50,6 +51,7 @@ from cooperative.scene.tables import (
     Motion,
     Plan,
     Rain,
+    RandomConductivity,
     RandomField,
     RandomLevel,
     Run,
@@ -58,6 +60,7 @@ from cooperative.scene.tables import (
 
 __all__ = [
     "BASE",
+    "CONDUCTIVITY",
     "CONTACT",
     "RANKED",
     "SCALES",
@@ -83,6 +86,7 @@ __all__ = [
     "Motion",
     "Plan",
     "Rain",
+    "RandomConductivity",
     "RandomField",
     "RandomLevel",
     "Run",

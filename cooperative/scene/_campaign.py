@@ -22,6 +22,8 @@ from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import ElementAtRisk, front_thickness, size_of_slope
 from cooperative.scene._site import Site, SiteLayer, check_seams, check_site
 from cooperative.scene.tables import (
+    CONDUCTIVITY,
+    LIMITS,
     TAIL,
     Budget,
     CampaignGrid,
@@ -30,6 +32,7 @@ from cooperative.scene.tables import (
     Exposed,
     FromScript,
     Hazard,
+    Hydraulics,
     Measured,
     Motion,
     Part,
@@ -50,6 +53,7 @@ from jaxmpm.support.text import shown
 from jaxmpm.support.values import by_value
 
 if TYPE_CHECKING:
+    from cooperative.scene._flow import Flowing
     from jaxmpm.seepage import PressureInTime
 
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
@@ -170,8 +174,40 @@ class Campaign(Part):
 
     @property
     def varies(self) -> bool:
-        """Whether anything in it is random: soil, contact or water level."""
-        return bool(self.random) or self.site.level is not None
+        """Whether anything in it is random: soil, contact, conductivity or water level."""
+        return bool(self.random) or bool(self.conductivities) or self.site.level is not None
+
+    @property
+    def hydraulics(self) -> tuple[tuple[Hydraulics, ...], ...]:
+        """The tables of the flow from which each layer, or all of the ground, has its numbers; none without water."""
+        table = self.seepage
+        if table is None:
+            return ()
+        layers = [(each.name, each.rock) for each in self.site.layers] or [(None, False)]
+        return tuple(table.hydraulics(name, rock=rock) for name, rock in layers)
+
+    @cached_property
+    def conductivities(self) -> Mapping[int | None, RandomField]:
+        """Conductivity that varies, by the layer at which its field stops, None where it goes through all."""
+        table, random = self.seepage, dict[int | None, RandomField]()
+        for number, tables in enumerate(self.hydraulics):
+            source = next((each for each in tables if each.conductivity is not None), None)
+            if source is not None and isinstance(source.conductivity, RandomField):
+                whole = table is not None and source is table.soil
+                random[None if whole else number] = source.conductivity
+        return random
+
+    @property
+    def varying(self) -> Mapping[str, RandomField]:
+        """What varies by a field that may go through all layers, by parameter of the soil or the flow."""
+        through = self.conductivities.get(None)
+        return self.random if through is None else {**self.random, CONDUCTIVITY: through}
+
+    def varying_in(self, number: int) -> Mapping[str, RandomField]:
+        """What varies by a field that stops at a layer of this number, by parameter of the soil or the flow."""
+        layer, flows = self.site.layers[number], self.conductivities.get(number)
+        own = {name: field for name, field in layer.random.items() if name in layer.own}
+        return own if flows is None else {**own, CONDUCTIVITY: flows}
 
     @property
     def rank(self) -> Callable[..., Any] | FromScript | None:
@@ -208,6 +244,13 @@ class Campaign(Part):
         if self.rain is None:
             raise Invalid(("time",), shown(time), "is for a scene with [rain] or [drawdown]", "leave it out")
         return replace(self, rain=replace(self.rain, at=at))
+
+    @cached_property
+    def flowing(self) -> Flowing:
+        """The flow of its water, to be solved with one conductivity or another."""
+        from cooperative.scene._flow import Flowing
+
+        return Flowing.of(self)
 
     @cached_property
     def flow(self) -> PressureInTime:
@@ -402,17 +445,17 @@ def _check_run(campaign: Campaign) -> None:
 def _check_fields(campaign: Campaign) -> None:
     """Raise ValueError for fields that do not go with the ground, its layers or each other."""
     gathered, dimension = Gathered(), campaign.dimension
-    for layer in campaign.site.layers:
+    for number, layer in enumerate(campaign.site.layers):
         with gathered.of():
-            _check_fields_of(campaign, layer)
-    for name, varies in campaign.random.items():
+            _check_fields_of(campaign, number, layer)
+    for name, varies in campaign.varying.items():
         if len(varies.length) != dimension:
             rule = f"has a length of {len(varies.length)} values"
             gathered.faults.append(Invalid((name,), None, rule, f"give {dimension}, one per axis"))
     gathered.raise_all()
     if campaign.cross_correlation is not None:
         with gathered.of():
-            check_cross_correlation(campaign.cross_correlation, campaign.random)
+            check_cross_correlation(campaign.cross_correlation, campaign.varying)
     _check_boreholes(campaign, gathered)
     gathered.raise_all()
 
@@ -471,6 +514,12 @@ def check_moving(campaign: Campaign) -> None:
             remedy = f"give one of {', '.join(map(shown, names))}" if names else "it has none, give soil instead"
             path = (name, "layer", number, "name")
             raise Invalid(path, shown(layer.name), "is no [[layer]] of the ground", remedy)
+    for number, varies in campaign.conductivities.items():
+        with at(*((name, "soil") if number is None else (name, "layer", site.layers[number].name)), CONDUCTIVITY):
+            if table.pressure is not None:
+                rule = "varies beside pressure, in which another program's flow has one answer for all samples"
+                raise Invalid((), None, rule, "give it as a number")
+            varies.check(LIMITS[CONDUCTIVITY], site.span)
 
 
 def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:
@@ -502,39 +551,41 @@ def _check_weights(campaign: Campaign) -> None:
             )  # fmt: skip
 
 
-def _check_fields_of(campaign: Campaign, layer: SiteLayer) -> None:
+def _check_fields_of(campaign: Campaign, number: int, layer: SiteLayer) -> None:
     """Raise ValueError for fields that stop at a layer and have not its axes, or correlate with others that do not."""
-    for name in layer.own:
-        if len(layer.random[name].length) != campaign.dimension:
-            rule = f"has a length of {len(layer.random[name].length)} values"
+    own = campaign.varying_in(number)
+    for name, varies in own.items():
+        if len(varies.length) != campaign.dimension:
+            rule = f"has a length of {len(varies.length)} values"
             raise Invalid((f"{layer.label}: {name}",), None, rule, f"give {campaign.dimension}, one per axis")
     if campaign.cross_correlation is None:
         return
     together = campaign.cross_correlation.parameters
-    through = [name for name in together if name not in layer.own]
+    through = [name for name in together if name not in own]
     if len(through) == len(together):
         return
     if through:
-        rule = f"has a field of {', '.join(layer.own)} alone, and not of {', '.join(through)}, with which it correlates"
+        rule = f"has a field of {', '.join(own)} alone, and not of {', '.join(through)}, with which it correlates"
         raise Invalid((layer.label,), None, rule, "give a length to all of them, or to none")
     with at(layer.label):
-        check_cross_correlation(campaign.cross_correlation, layer.random)
+        check_cross_correlation(campaign.cross_correlation, own)
 
 
 def _check_boreholes(campaign: Campaign, gathered: Gathered) -> None:
     """Gather measured values that lie in a layer to which their field does not reach."""
     layers = campaign.site.layers
     through: list[tuple[int | None, str, RandomField]] = [
-        (None, name, varies) for name, varies in campaign.random.items() if campaign.site.spans(name)
+        (None, name, varies) for name, varies in campaign.varying.items() if campaign.site.spans(name)
     ]
-    through += [(number, name, part.random[name]) for number, part in enumerate(layers) for name in part.own]
+    own = [campaign.varying_in(number) for number in range(len(layers))]
+    through += [(number, name, varies) for number, each in enumerate(own) for name, varies in each.items()]
     for number, name, varies in through:
-        if varies.boreholes is None or not any(name in each.own for each in layers):
+        if varies.boreholes is None or not any(name in each for each in own):
             continue
         positions = np.array([row[:-1] for row in varies.boreholes], float).T
         of_layer = campaign.site.layer_of(positions, campaign.grids["refined"])
         assert of_layer is not None  # there are layers
-        stops = np.array([name in layer.own for layer in layers])[of_layer]
+        stops = np.array([name in each for each in own])[of_layer]
         foreign = np.flatnonzero(np.where(stops, of_layer, -1) != (-1 if number is None else number))
         if foreign.size:
             gathered.faults.append(_of_other_ground(campaign, name, positions[:, foreign], of_layer[foreign]))

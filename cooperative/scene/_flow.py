@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.scene._site import Site
-from cooperative.scene.tables import HydraulicLayer, Hydraulics, Seepage
+from cooperative.scene.tables import Hydraulics, RandomField, Seepage
 from jaxmpm import Discretisation, Raster, Scene, seepage
 from jaxmpm.ground import WATER_WEIGHT
-from jaxmpm.seepage import AtSide, Cells, Heads, PressureInTime, PressureTable, Retention
+from jaxmpm.seepage import AtSide, Cells, Flow, Heads, PressureInTime, PressureTable, Problem, Retention
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
@@ -120,19 +120,20 @@ class Resting:
         return pressure, dry + WATER_WEIGHT * content
 
 
-def at_time(campaign: Campaign, time: float | None = None) -> Campaign:
+def at_time(campaign: Campaign, time: float | None = None, flow: PressureInTime | None = None) -> Campaign:
     """A campaign whose ground rests under the pressure of a time; one at rest already stays so.
 
     Args:
         campaign: the campaign.
         time: s, None for that of its table, or at which it rests already.
+        flow: of a sample, None for that of the campaign.
     """
-    table = campaign.seepage
+    table, site = campaign.seepage, campaign.site
     assert table is not None
-    if time is None and campaign.site.pressure is not None:
+    if site.pressure is not None and flow is None and time is None:
         return campaign
-    moment = table.moment if time is None else time
-    site, flow = campaign.site, campaign.flow
+    moment = (table.moment if site.pressure is None else site.pressure.time) if time is None else time
+    flow = campaign.flow if flow is None else flow
     retentions = retentions_of(campaign)
     heavier = campaign.run.gravity / STANDARD_GRAVITY
     usual = next((each for each in retentions if each is not None), None)
@@ -143,6 +144,8 @@ def at_time(campaign: Campaign, time: float | None = None) -> Campaign:
     )  # fmt: skip
     again = replace(campaign, ground=replace(site, pressure=resting))
     again.__dict__["flow"] = flow  # worked out already
+    if "flowing" in campaign.__dict__:
+        again.__dict__["flowing"] = campaign.flowing
     return again
 
 
@@ -186,26 +189,17 @@ def retentions_of(campaign: Campaign) -> tuple[Retention | None, ...]:
     Raises:
         ValueError: numbers that are missing or out of their limits.
     """
-    table, layers = campaign.seepage, campaign.site.layers
-    assert table is not None
-    own = {each.name: each for each in table.layer}
-    if not layers:
-        return (None if table.soil is None else _retention(table.soil, None, "soil"),)
+    labels = [f"layer {shown(each.name)}" for each in campaign.site.layers] or ["soil"]
     return tuple(
-        None
-        if (each.rock or table.soil is None) and each.name not in own
-        else _retention(table.soil, own.get(each.name), f"layer {shown(each.name)}")
-        for each in layers
+        _retention(tables, label) if tables else None for tables, label in zip(campaign.hydraulics, labels, strict=True)
     )
 
 
-def _retention(whole: Hydraulics | None, layer: HydraulicLayer | None, where: str) -> Retention:
-    """The soil of a layer: its own numbers over those of the whole ground, unless it names a class of its own."""
-    inherits = whole is not None and (layer is None or layer.soil_class is None)
-    numbers = ({} if whole is None or not inherits else whole.numbers) | ({} if layer is None else layer.numbers)
-    name = layer.soil_class if layer is not None and layer.soil_class is not None else None
-    name = whole.soil_class if name is None and whole is not None and inherits else name
-    model = layer.model if layer is not None and layer.model is not None else whole.model if whole is not None else ""
+def _retention(given: tuple[Hydraulics, ...], where: str) -> Retention:
+    """The soil of a layer by the tables from which it has its numbers, its own first."""
+    numbers = {name: value for table in reversed(given) for name, value in table.numbers.items()}
+    name = next((table.soil_class for table in given if table.soil_class is not None), None)
+    model = next((table.model for table in given if table.model is not None), "van genuchten")
     with jax.enable_x64(True):
         try:
             if model == "gardner":
@@ -224,6 +218,18 @@ def _retention(whole: Hydraulics | None, layer: HydraulicLayer | None, where: st
             raise ValueError(f"[{where}] of the flow: {error}; or give soil_class") from error
 
 
+def _conductivities(campaign: Campaign) -> tuple[RandomField | float, ...]:
+    """The conductivity of each layer, or of all of the ground: a field, or its number (m/s); 0 where no water flows."""
+    given = [
+        next((each.conductivity for each in tables if each.conductivity is not None), None)
+        for tables in campaign.hydraulics
+    ]
+    return tuple(
+        value if isinstance(value, RandomField) else 0.0 if soil is None else float(soil.conductivity)
+        for value, soil in zip(given, retentions_of(campaign), strict=True)
+    )
+
+
 def flow_of(campaign: Campaign) -> PressureInTime:
     """The pore pressure of a campaign in time: its flow, or what another program has computed.
 
@@ -237,45 +243,122 @@ def flow_of(campaign: Campaign) -> PressureInTime:
     assert table is not None
     if table.pressure is not None:
         return _given(campaign, table)
-    cells, number = _cells(campaign, table)
-    soils = [each for each in retentions_of(campaign) if each is not None]
-    with jax.enable_x64(True):
-        soil: Any = seepage.zoned(soils, number) if len(soils) > 1 else soils[0]  # type: ignore[type-var]
-        start = _at_rest(campaign, table, cells)
-        sides = _sides(campaign, table, start)
-        problem = seepage.problem(cells, soil, _face(table), *sides)
-        initial = seepage.hydrostatic(problem, _levels(start, cells))
-        if table.initial_rate is not None:
-            steadily = replace(table, rate=((0.0, table.initial_rate),))
-            before = seepage.problem(cells, soil, _face(steadily), *sides)
-            initial, converged = seepage.steady(before, initial)
-            if not bool(converged):
-                raise ValueError(
-                    f"the steady flow of initial_rate = {table.initial_rate:g} m/s does not converge: give less, "
-                    "larger cells or soil with an air_entry, or begin with the water of [water]"
-                )
-            if _full(cells, np.asarray(initial)):
-                raise ValueError(
-                    f"initial_rate = {table.initial_rate:g} m/s is more than the ground drains: it is saturated to its "
-                    "surface before time 0; give less, levels beyond the ends, drains or more conductive soil"
-                )
-        times = sorted({0.0, *table.times, table.moment})
-        flow = seepage.run(problem, initial, times, tolerance=table.tolerance).raise_if_failed()
-        balance = float(np.max(np.asarray(flow.balance_error)[: int(flow.steps)]))
-        rained, runoff = float(np.sum(np.asarray(flow.record.rain))), float(flow.runoff)
-        heads = [np.asarray(head, float) for head in flow.head]
-        known = tuple(_host(Heads.of(problem, head)) for head in flow.head)
-    # Under a pool it is no wonder that it is.
-    filled = table.rate is not None and max(rate for _, rate in table.rate) > 0
-    full = next((t for t, head in zip(times, heads, strict=True) if t > 0 and filled and _full(cells, head)), None)
-    if full is not None:
+    (solved,) = campaign.flowing.solved([None])
+    if solved.full is not None:
         check.warn(
-            f"the ground is saturated to its surface from {full:g} s on: all further rain runs off; is that meant, and "
-            "are there levels beyond the ends, or drains?"
+            f"the ground is saturated to its surface from {solved.full:g} s on: all further rain runs off; is that "
+            "meant, and are there levels beyond the ends, or drains?"
         )
-    return Solved(
-        np.array(times), known, cells, number, rained, rained - runoff, balance, int(flow.steps), full
-    )  # fmt: skip
+    return solved
+
+
+@dataclass(frozen=True)
+class Flowing:
+    """The flow of a campaign, to be solved with one conductivity or another.
+
+    Args:
+        table: of rain or drawdown.
+        cells: of the flow.
+        number: of the soil in each cell among those through which water flows.
+        layer: number of the layer in each cell.
+        conductivities: of each layer, or of all of the ground: a field, or its number (m/s), 0 where no water flows.
+        problem: of the flow, with the median of a conductivity that varies.
+        steady: the same under the steady rain before time 0, None without.
+        initial: heads (m) at rest of the cells' shape, from which steady flow is sought where there is one.
+    """
+
+    table: Seepage
+    cells: Cells
+    number: np.ndarray
+    layer: np.ndarray
+    conductivities: tuple[RandomField | float, ...]
+    problem: Problem
+    steady: Problem | None
+    initial: np.ndarray
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> Flowing:
+        """The flow of a campaign; ValueError where ground, soil and water do not go together."""
+        table = campaign.seepage
+        assert table is not None
+        cells, number, layer = _cells(campaign, table)
+        soils = [each for each in retentions_of(campaign) if each is not None]
+        with jax.enable_x64(True):
+            soil: Any = seepage.zoned(soils, number) if len(soils) > 1 else soils[0]  # type: ignore[type-var]
+            start = _at_rest(campaign, table, cells)
+            sides = _sides(campaign, table, start)
+            problem = seepage.problem(cells, soil, _face(table), *sides)
+            steady = None
+            if table.initial_rate is not None:
+                steadily = replace(table, rate=((0.0, table.initial_rate),))
+                steady = seepage.problem(cells, soil, _face(steadily), *sides)
+            initial = np.asarray(seepage.hydrostatic(problem, _levels(start, cells)))
+            # Held on the host: elsewhere 64 bits may be off.
+            problem, steady = jax.tree.map(np.asarray, (problem, steady))
+        return cls(table, cells, number, layer, _conductivities(campaign), problem, steady, initial)
+
+    def solved(self, conductivities: Sequence[np.ndarray | None]) -> list[Solved]:
+        """The flow with each of several conductivities, side by side.
+
+        Args:
+            conductivities: of the cells (m/s), of their shape; None for the median.
+
+        Raises:
+            ValueError: a flow does not converge, or the ground is full before time 0.
+        """
+        table = self.table
+        times = sorted({0.0, *table.times, table.moment})
+        usual = self.problem.soil.conductivity
+        lanes = np.stack([np.asarray(usual) if each is None else each for each in conductivities])
+
+        def with_soil(problem: Problem, conductivity: jax.Array) -> Problem:
+            return replace(problem, soil=replace(problem.soil, conductivity=conductivity))
+
+        with jax.enable_x64(True):
+            initial = np.broadcast_to(self.initial, lanes.shape)
+            if self.steady is not None:
+                initial, converged = jax.vmap(lambda k: seepage.steady(with_soil(self.steady, k), self.initial))(lanes)
+                self._check_start(np.asarray(initial), np.asarray(converged))
+
+            def run(conductivity: jax.Array, start: jax.Array) -> Flow:
+                return seepage.run(with_soil(self.problem, conductivity), start, times, tolerance=table.tolerance)
+
+            if len(lanes) == 1:
+                flow = jax.tree.map(lambda leaf: leaf[None], run(jnp.asarray(lanes[0]), jnp.asarray(initial[0])))
+            else:
+                flow = jax.vmap(run)(jnp.asarray(lanes), jnp.asarray(initial))
+            flow.raise_if_failed()
+            return [self._of_lane(jax.tree.map(lambda leaf: leaf[n], flow), times) for n in range(len(lanes))]  # noqa: B023
+
+    def _check_start(self, initial: np.ndarray, converged: np.ndarray) -> None:
+        """Raise ValueError for steady flow before time 0 that does not converge, or that fills the ground."""
+        rate = f"initial_rate = {self.table.initial_rate:g} m/s"
+        if not converged.all():
+            raise ValueError(
+                f"the steady flow of {rate} does not converge: give less, larger cells or soil with an air_entry, or "
+                "begin with the water of [water]"
+            )
+        if any(_full(self.cells, head) for head in initial):
+            raise ValueError(
+                f"{rate} is more than the ground drains: it is saturated to its surface before time 0; give less, "
+                "levels beyond the ends, drains or more conductive soil"
+            )
+
+    def _of_lane(self, flow: Flow, times: Sequence[float]) -> Solved:
+        """One flow, on the host."""
+        heads = [np.asarray(head, float) for head in flow.head]
+        known = tuple(_host(Heads.of(self.problem, head)) for head in flow.head)
+        # Under a pool it is no wonder that it is.
+        rate = self.table.rate
+        rains = rate is not None and max(value for _, value in rate) > 0
+        wet = (t for t, head in zip(times, heads, strict=True) if t > 0 and _full(self.cells, head))
+        full = next(wet, None) if rains else None
+        rained = float(np.sum(np.asarray(flow.record.rain)))
+        balance = float(np.max(np.asarray(flow.balance_error)[: int(flow.steps)]))
+        return Solved(
+            np.array(times), known, self.cells, self.number, rained, rained - float(flow.runoff), balance,
+            int(flow.steps), full,
+        )  # fmt: skip
 
 
 def _host(heads: Heads) -> Heads:
@@ -291,8 +374,8 @@ def _full(cells: Cells, head: np.ndarray) -> bool:
     return float(np.mean(at[has] >= 0)) > FULL
 
 
-def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray]:
-    """Cells of the flow without those of rock, and the number of the soil in each."""
+def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray, np.ndarray]:
+    """Cells of the flow without those of rock, and the number of the soil and of the layer in each."""
     site, d = campaign.site, campaign.dimension
     cell = campaign.refined.cell
     spacing = table.cell or (*(cell,) * (d - 1), cell / 2)
@@ -303,7 +386,7 @@ def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray]:
     layer = site.layer_of(position, campaign.grids["refined"])
     retentions = retentions_of(campaign)
     if layer is None:
-        return cells, np.zeros(cells.shape, int)
+        return cells, np.zeros(cells.shape, int), np.zeros(cells.shape, int)
     layer = layer.reshape(cells.shape)
     wet = np.array([each is not None for each in retentions])
     if not any(wet):
@@ -313,7 +396,7 @@ def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray]:
             raise ValueError(f"{each.label} has no conductivity: give soil for all, or a layer of that name")
     active = cells.soil & wet[layer]
     count = np.cumsum(wet) - 1
-    return replace(cells, active=active), np.where(active, count[layer], 0)
+    return replace(cells, active=active), np.where(active, count[layer], 0), layer
 
 
 Start = float | np.ndarray | Raster

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from cooperative.estimate import SETTINGS, Estimator
 from cooperative.scene import tables
@@ -29,6 +29,11 @@ from jaxmpm import (
 from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.table import decoded
 from jaxmpm.support.text import short, shown
+
+if TYPE_CHECKING:
+    from jaxmpm.seepage import PressureInTime
+
+Moving = TypeVar("Moving", tables.Rain, tables.Drawdown)
 
 LARGEST = 1_000_000
 """Bytes of a scene file at most; a scene has a few thousand."""
@@ -80,6 +85,10 @@ def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | N
             ask_of_record(scene.motion)
     with gathered.of():
         whole, random, layers = soils_of(scene, tables_of(source.tables, "layer"), ground)
+    rain, drawdown = scene.rain, scene.drawdown
+    with gathered.of():
+        rain = None if rain is None else _with_strata(rain, "rain", ground, unusual=scene.unusual)
+        drawdown = None if drawdown is None else _with_strata(drawdown, "drawdown", ground, unusual=scene.unusual)
     gathered.raise_all()
     site = replace(ground, layers=layers)
     soil = site.representative(whole)
@@ -94,10 +103,24 @@ def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | N
     campaign = tables.made(
         Campaign, scene, ground=site, soil=soil, random=site.all_random(random), plan=scene.campaign.plan,
         estimator=estimator or (tables.FromScript("estimator", given) if given else scene.campaign.chosen),
-        exposed=tuple(scene.exposed or ()), measured=tables.made(tables.Measured, scene), source=source,
+        rain=rain, drawdown=drawdown, exposed=tuple(scene.exposed or ()),
+        measured=tables.made(tables.Measured, scene), source=source,
     )  # fmt: skip
     check_grids(campaign)
     return campaign
+
+
+def _with_strata(table: Moving, name: str, ground: Site, *, unusual: bool) -> Moving:
+    """A table of water whose conductivities, where they vary, are checked and dip as the ground falls."""
+
+    def read(field: tables.RandomField, path: tuple[str | int, ...]) -> tables.RandomField:
+        (dipping,) = fields_of(
+            {tables.CONDUCTIVITY: field}, lambda _: (name, *path), span=ground.span,
+            downhill=getattr(ground.shape, "downhill", 1), home="[soil]", unusual=unusual,
+        ).values()  # fmt: skip
+        return dipping
+
+    return table.with_conductivities(read)
 
 
 def source_of(scene: Source | str | Path) -> Source:
@@ -206,12 +229,13 @@ def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene
     return campaign.site.built(campaign.soil, campaign.grids[grid], at_rest=at_rest, **campaign.loads)
 
 
-def rested(campaign: Campaign, time: float | None = None) -> Campaign:
+def rested(campaign: Campaign, time: float | None = None, flow: PressureInTime | None = None) -> Campaign:
     """A campaign whose ground rests under the pore pressure of a time; itself where its water does not move.
 
     Args:
         campaign: the campaign.
         time: s, None for that at which its table has samples rest.
+        flow: of a sample whose conductivity is its own, None for that of the campaign, which has the median.
 
     Raises:
         ValueError: ground and water do not go together, or the flow does not converge.
@@ -220,7 +244,7 @@ def rested(campaign: Campaign, time: float | None = None) -> Campaign:
         return campaign
     from cooperative.scene._flow import at_time  # which nobody pays for whose water does not move
 
-    return at_time(campaign, time)
+    return at_time(campaign, time, flow)
 
 
 def _site(scene: tables.SceneTable, table: tables.SlopeTable | tables.GroundTable | tables.TerrainTable) -> Site:

@@ -52,8 +52,8 @@ def solve_each(
         varied: parameters that differ, name -> one value per sample, () or (N,), of walls () or (nodes,), drawn lazily
             as lanes become free: `{"strength": strengths}`, `{"strength": strengths, "young": moduli}`. Names are those
             of `with_soil`: any parameter of the material, young (Pa), poisson, unit_weight (N/m3), water_level (m),
-            wall_friction, wall_cohesion (Pa). If stiffness, weight or the water's level vary, every sample has its own
-            initial stress and time step.
+            pore_pressure (Pa), wall_friction, wall_cohesion (Pa), wall_pressure (Pa). If stiffness, weight, pore
+            pressure or the water's level vary, every sample has its own initial stress and time step.
         width: number of lanes.
         t_end: as for `solve`, reached to a few steps.
         numbers: of the samples, drawn with them; by default 0, 1, 2, ...

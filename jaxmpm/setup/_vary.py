@@ -23,17 +23,20 @@ from jaxmpm.support.tracing import at_once, host
 from jaxmpm.types import Scene, State
 
 WATER_LEVEL = "water_level"
-ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL, *WALL_STRENGTH)
-STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", WATER_LEVEL}
+PORE_PRESSURE = "pore_pressure"
+WALL = {**WALL_STRENGTH, "wall_pressure": "pressure"}
+"""What walls and a base have at their nodes, by the part of the boundary."""
+ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL, PORE_PRESSURE, *WALL)
+STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", WATER_LEVEL, PORE_PRESSURE}
 """Parameters on which time step or initial stress depend."""
 
 
 def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, State]:
     """The scene with other parameters of its soil, and its initial state.
 
-    If stiffness, weight or the water's level change, the initial stress is solved again (unless there is none), and the
-    time step becomes shorter for faster waves; it never grows, because the scene does not know which speed it allows
-    for. Columns of a free field retain the soil that they were built with.
+    If stiffness, weight, pore pressure or the water's level change, the initial stress is solved again (unless there is
+    none), and the time step becomes shorter for faster waves; it never grows, because the scene does not know which
+    speed it allows for. Columns of a free field retain the soil that they were built with.
 
     Args:
         scene: to vary.
@@ -41,8 +44,9 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
         **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
             with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
             below the water table), water_level (m, of a level table; soil keeps its weight, give a unit_weight too
-            where it is another below water), wall_friction (coefficient of walls and a base that have one) and
-            wall_cohesion (Pa), numbers or one value per node (nodes,).
+            where it is another below water), pore_pressure (Pa, of soil that has one), and of walls and a base that
+            have them wall_friction (coefficient), wall_cohesion (Pa) and wall_pressure (Pa, of the water there),
+            numbers or one value per node (nodes,).
 
     Returns:
         Scene and state.
@@ -101,7 +105,9 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
         )
     if WATER_LEVEL in names and scene.loads.water is None:
         raise ValueError("water_level is given, and the scene has no water: build it with a level")
-    for name, part in WALL_STRENGTH.items():
+    if PORE_PRESSURE in names and scene.loads.pore_pressure is None:
+        raise ValueError("pore_pressure is given, and the scene has none: build it by jaxmpm.seepage.with_pressure")
+    for name, part in WALL.items():
         if name in names and getattr(scene.boundary, part) is None:
             raise ValueError(
                 f"{name} is given, and no wall has {part}: build the scene with an interface that has some"
@@ -119,7 +125,7 @@ def check_start(state: State, names: Collection[str]) -> None:
         names: of the parameters that vary.
 
     Raises:
-        ValueError: If stiffness or weight are among them and the state has moved.
+        ValueError: If initial stress depends on one of them and the state has moved.
     """
     if check.is_traced(state):
         return
@@ -154,7 +160,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         Scene and state.
     """
     for name, value in values.items():
-        if name in WALL_STRENGTH:
+        if name in WALL:
             check_of_contact(name, value, scene.grid)
         else:
             check_shape(name, value, scene.particles)
@@ -163,7 +169,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     if "unit_weight" in given:
         mass = given["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
         varied = replace(varied, particles=replace(scene.particles, mass=mass))
-        if scene.loads.pore_pressure is not None:
+        if scene.loads.pore_pressure is not None and PORE_PRESSURE not in given:
             pressure = scene.loads.pore_pressure * _heavier(scene, varied)
             varied = replace(varied, loads=replace(varied.loads, pore_pressure=pressure))
     if WATER_LEVEL in given:
@@ -171,7 +177,10 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         assert water is not None
         assert hasattr(water, "at_level")
         varied = replace(varied, loads=replace(varied.loads, water=water.at_level(given[WATER_LEVEL])))
-    contact: dict[str, Any] = {part: given[name] for name, part in WALL_STRENGTH.items() if name in given}
+    if PORE_PRESSURE in given:
+        pressure = jnp.broadcast_to(given[PORE_PRESSURE], scene.particles.mass.shape)
+        varied = replace(varied, loads=replace(varied.loads, pore_pressure=pressure))
+    contact: dict[str, Any] = {part: given[name] for name, part in WALL.items() if name in given}
     varied = replace(varied, boundary=replace(scene.boundary, **contact))
     if not STARTING & given.keys():
         return varied, state

@@ -19,11 +19,12 @@ from cooperative.scene.tables._reading import (
 )
 from cooperative.scene.tables._run import Run
 from cooperative.scene.tables._scene import SITES, STORED, SceneTable
-from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, Seepage
+from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, RandomConductivity, Seepage
 from cooperative.scene.tables._soil import LayerTable, SoilTable, is_frictional
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured
 from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep
 from cooperative.scene.tables._varying import (
+    CONDUCTIVITY,
     CONTACT,
     CORRELATIONS,
     LIMITS,
@@ -39,6 +40,7 @@ from cooperative.scene.tables._varying import (
 __all__ = [
     "ACCELERATIONS",
     "AXES",
+    "CONDUCTIVITY",
     "CONTACT",
     "CORRELATIONS",
     "EXTRAS",
@@ -71,6 +73,7 @@ __all__ = [
     "Plan",
     "PlanAndEstimator",
     "Rain",
+    "RandomConductivity",
     "RandomField",
     "RandomLevel",
     "Run",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
+import jax.numpy as jnp
 import numpy as np
 from annotated_types import GroupedMetadata, MaxLen
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, ValidationInfo
@@ -17,6 +18,7 @@ from cooperative.scene.tables._key import (
     Flag,
     Length,
     Metres,
+    OrTable,
     Pair,
     Part,
     PerAxis,
@@ -27,6 +29,7 @@ from cooperative.scene.tables._key import (
     plain_name,
     table,
 )
+from cooperative.scene.tables._varying import CONDUCTIVITY, RandomField
 from jaxmpm.support.check import Invalid, Limit, above_zero, from_zero
 from jaxmpm.support.table import LENGTHS
 from jaxmpm.support.text import shown
@@ -158,6 +161,16 @@ def _class(name: str) -> str:
 
 
 @table
+class RandomConductivity(RandomField):
+    """The random field of the conductivity of saturated soil, at the centres of the cells of the flow.
+
+    Each sample has a flow of its own. Keys as in `[strength]`, in m/s.
+    """
+
+    mean: Conductivity = key("Mean; with a trend, the mean at depth 0.", "25 cm/day", units="m/s")
+
+
+@table
 class Hydraulics(Part):
     """How soil holds water and lets it through: by a class of soil, by its own numbers, or by both."""
 
@@ -167,8 +180,11 @@ class Hydraulics(Part):
         allowed="sand, loamy sand, sandy loam, loam, silt, silt loam, sandy clay loam, clay loam, silty clay loam, "
         "sandy clay, silty clay or clay",
     )  # fmt: skip
-    conductivity: Conductivity | None = key(
-        "Upright conductivity of saturated soil.", "1e-6 m/s", None, otherwise="that of the class",
+    conductivity: OrTable[Conductivity, RandomConductivity] | None = key(
+        "Upright conductivity of saturated soil, or a table of how it varies: `[rain.soil.conductivity]` with the keys "
+        "of `[strength]`, which `cross_correlation` calls `conductivity`. That of `soil` goes through all layers that "
+        "have it, that of a layer stops there.",
+        "1e-6 m/s", None, otherwise="that of the class",
         synonyms="k ksat k_sat k_s permeability hydraulic_conductivity",
     )  # fmt: skip
     anisotropy: AboveZero | None = key(
@@ -202,20 +218,24 @@ class Hydraulics(Part):
         if self.soil_class is not None and self.conductivity is not None:
             from jaxmpm.seepage import CARSEL_PARRISH
 
-            usual = CARSEL_PARRISH[self.soil_class][-1] / 100 / 86400
-            if not usual / OFF < self.conductivity < usual * OFF:
+            usual, given = CARSEL_PARRISH[self.soil_class][-1] / 100 / 86400, self.conductivity
+            mean = given.mean if isinstance(given, RandomField) else given
+            if not usual / OFF < mean < usual * OFF:
                 raise Invalid(
-                    ("conductivity",), f"{self.conductivity:.3g} m/s",
-                    f"is {self.conductivity / usual:.2g} times that of {self.soil_class}, {usual:.2g} m/s",
+                    ("conductivity",), f"{mean:.3g} m/s",
+                    f"is {mean / usual:.2g} times that of {self.soil_class}, {usual:.2g} m/s",
                     'was another unit meant? Write it as a text, "0.9 m/day", or leave soil_class out',
                 )  # fmt: skip
         return self
 
     @property
     def numbers(self) -> dict[str, float]:
-        """What is given of the retention and the conductivity."""
+        """What is given of the retention and the conductivity, which is its median where it varies."""
         names = ("conductivity", "anisotropy", "alpha", "n", "porosity", "residual", "air_entry", "storage")
-        return {name: value for name in names if (value := getattr(self, name)) is not None}
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if isinstance(varies := self.conductivity, RandomField):
+            given[CONDUCTIVITY] = float(varies.distribution.transform(jnp.zeros(())))
+        return given
 
 
 @table
@@ -226,6 +246,9 @@ class HydraulicLayer(Hydraulics):
     model: Literal["van genuchten", "gardner"] | None = key(  # type: ignore[assignment]
         "Retention curve.", "van genuchten", None, otherwise="that of the whole ground"
     )
+
+
+H = TypeVar("H", bound=Hydraulics)
 
 
 def _pressure(value: object, info: ValidationInfo) -> object:
@@ -360,6 +383,33 @@ class Seepage(Part):
                 f'{name} lacks the soil through which water flows: add soil = {{ soil_class = "loam" }}, or a '
                 "conductivity and a retention"
             )
+
+    def hydraulics(self, layer: str | None = None, *, rock: bool = False) -> tuple[Hydraulics, ...]:
+        """The tables from which a layer, or ground without layers, has its numbers, its own first; none without water.
+
+        Args:
+            layer: its name, None in ground without layers.
+            rock: whether it is rock, which lets no water through unless it is named.
+        """
+        own = next((each for each in self.layer if each.name == layer), None)
+        inherits = not rock if own is None else own.soil_class is None
+        return tuple(each for each in (own, self.soil if inherits else None) if each is not None)
+
+    def with_conductivities(self, change: Callable[[RandomField, tuple[str | int, ...]], RandomField]) -> Self:
+        """The table with another field in place of that of each conductivity that varies.
+
+        Args:
+            change: gives it, by the field and the keys that lead to it in this table.
+        """
+
+        def changed(part: H, *path: str | int) -> H:
+            varies = part.conductivity
+            if not isinstance(varies, RandomField):
+                return part
+            return replace(part, conductivity=change(varies, (*path, CONDUCTIVITY)))
+
+        soil = None if self.soil is None else changed(self.soil, "soil")
+        return replace(self, soil=soil, layer=tuple(changed(each, "layer", n) for n, each in enumerate(self.layer)))
 
     def level_at(self, time: float) -> float | None:
         """Level (m) of the pool at a time (s), None without."""

@@ -47,8 +47,15 @@ TAIL = 4.0
 CONTACT = {"interface_friction": "wall_friction", "interface_cohesion": "wall_cohesion"}
 """Parameters of an interface that may vary, by what `jaxmpm.with_soil` calls them."""
 
-LIMITS = {**soil_limits(), **{name: soil_limits()[name.removeprefix("interface_")] for name in CONTACT}}
-"""Limits of what may vary, by parameter of the soil or of an interface."""
+CONDUCTIVITY = "conductivity"
+"""Of saturated soil, which varies where water moves; `cross_correlation` calls it so."""
+
+LIMITS = {
+    **soil_limits(),
+    **{name: soil_limits()[name.removeprefix("interface_")] for name in CONTACT},
+    CONDUCTIVITY: above_zero("m/s"),
+}
+"""Limits of what may vary, by parameter of the soil, of an interface or of the flow of water."""
 
 Span = tuple[float, float]
 """Elevations (m) of the base and of the highest point of ground."""

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -234,11 +235,16 @@ def _factors(runner: _Runner, progress: Callable[[str], None]) -> np.ndarray:
         return factors
     surfaces = [each.slip.points for each in critical] + [each.circle.points for each in critical if each.circle]
     model = runs.build(rested(campaign, table.times[0]), "rough", runner.soil, at_rest=False)
-    for number in range(samples):
+    own = runs.own_flows(campaign, runner.soil, runner.coefficients) if campaign.conductivities else repeat(None)
+    for number, flow in zip(range(samples), own, strict=False):
         strength = sample_strength(model, runner.coefficients[number])
+        if flow is not None:
+            sections = [slices_at_rest(rested(campaign, time, flow)) for time in table.times]
         for at, section in enumerate(sections):
-            own = replace(section, strength=strength)
-            slips = [own.slip(points, each.slip.method) for points, each in zip(surfaces, critical * 2, strict=False)]
+            slices = replace(section, strength=strength)
+            slips = [
+                slices.slip(points, each.slip.method) for points, each in zip(surfaces, critical * 2, strict=False)
+            ]
             factors[number, at] = min((slip.factor for slip in slips if slip is not None), default=math.nan)
         runner.stop.check()
     runner.kept.factors = factors

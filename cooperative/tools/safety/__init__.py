@@ -1,6 +1,6 @@
 """The factor of safety of a campaign's slope at once: limit equilibrium beside the solver's limit load."""
 
-from cooperative.tools.safety._factor import Safety, factor_of_safety, sample_strength, slices_at_rest
+from cooperative.tools.safety._factor import Safety, factor_of_safety, of_own_flow, sample_strength, slices_at_rest
 from cooperative.tools.safety._pictures import draw_safety, write_safety
 from cooperative.tools.safety._rank import rank_by_slices
 from cooperative.tools.safety._search import Critical, critical_surface
@@ -19,6 +19,7 @@ __all__ = [
     "factor_of_safety",
     "lines_of_equilibrium",
     "lines_of_solver",
+    "of_own_flow",
     "progress_line",
     "rank_by_slices",
     "sample_strength",

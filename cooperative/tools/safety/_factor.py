@@ -11,7 +11,7 @@ import numpy as np
 
 import jaxmpm
 from cooperative.measure import walls_reached
-from cooperative.runs import GridModel, build, coefficients_of, random_soil
+from cooperative.runs import GridModel, RandomSoil, build, coefficients_of, random_soil, under_own_flow
 from cooperative.scene import (
     Campaign,
     RandomField,
@@ -148,10 +148,7 @@ def factor_of_safety(
     if campaign.seepage is not None:
         loads.append(f"water at {campaign.seepage.moment / 3600:g} h")
         campaign = rested(campaign)
-    if sample is not None and not campaign.varies:
-        raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
-    if sample is not None and not 0 <= sample < campaign.plan.samples:
-        raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
+    campaign = of_own_flow(campaign, sample)
     size = f"{grid} grid, cells of {campaign.grids[grid].cell:g} m"
     unit = "m3" if campaign.dimension == 3 else "m2"
     result = Safety("median soil" if sample is None else f"soil of sample {sample}", tuple(loads), size, unit=unit)
@@ -178,10 +175,34 @@ def factor_of_safety(
     return _by_solver(result, model, coefficients, progress)
 
 
+def of_own_flow(campaign: Campaign, sample: int | None) -> Campaign:
+    """The campaign whose ground rests under the pressure of a sample's flow; itself where all have the same.
+
+    Args:
+        campaign: the campaign.
+        sample: its number, None for median soil.
+
+    Raises:
+        ValueError: the campaign has no such sample.
+    """
+    if sample is not None and not campaign.varies:
+        raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
+    if sample is not None and not 0 <= sample < campaign.plan.samples:
+        raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
+    if not campaign.conductivities:
+        return campaign
+    return under_own_flow(campaign, *_drawn(campaign, sample))
+
+
+def _drawn(campaign: Campaign, sample: int | None) -> tuple[RandomSoil, np.ndarray | None]:
+    """What is random, and the coefficients of a sample, None for median soil."""
+    soil = random_soil(campaign)
+    return soil, None if sample is None else coefficients_of(campaign, soil)[sample]
+
+
 def _built(campaign: Campaign, grid: str, sample: int | None) -> tuple[GridModel, np.ndarray | None]:
     """A grid, and the coefficients of a sample on it, None for median soil."""
-    soil = random_soil(campaign)
-    coefficients = None if sample is None else coefficients_of(campaign, soil)[sample]
+    soil, coefficients = _drawn(campaign, sample)
     return build(campaign, grid, soil, at_rest=False), coefficients
 
 
@@ -244,7 +265,8 @@ def slices_of_sample(model: GridModel, coefficients: np.ndarray | None) -> Slice
     Raises:
         ValueError: ground that is no section, or soil without a strength.
     """
-    return _sliced(model.campaign, *_of_particles(model, coefficients))
+    resting = under_own_flow(rested(model.campaign), model.soil, coefficients)
+    return _sliced(resting, *_of_particles(model, coefficients))
 
 
 def slices_at_rest(campaign: Campaign) -> Slices:

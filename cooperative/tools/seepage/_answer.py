@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cooperative.scene import Campaign, rested
-from cooperative.tools.safety import Safety, factor_of_safety
+from cooperative.tools.safety import Safety, factor_of_safety, of_own_flow
 from jaxmpm import seepage
 from jaxmpm.seepage import Cells
 from jaxmpm.support.text import printable
@@ -86,6 +86,7 @@ def wetted(
         raise ValueError(
             'no water moves in the scene: add [rain] with times, rate = "14 mm/h" and soil, or [drawdown] with level'
         )
+    campaign = of_own_flow(campaign, sample)
     shape = campaign.site.shape
     spacing = table.cell or (*(campaign.refined.cell,) * (campaign.dimension - 1), campaign.refined.cell / 2)
     flow = campaign.flow

@@ -4,15 +4,30 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import jaxmpm as mpm
-from cooperative.scene import Campaign, Drawdown, Rain, built, parse, read, rested
+from cooperative import runs
+from cooperative.one_run import _certain
+from cooperative.scene import (
+    Campaign,
+    Drawdown,
+    Hydraulics,
+    Rain,
+    RandomConductivity,
+    built,
+    parse,
+    read,
+    rested,
+)
 from cooperative.tools.safety import Circle, slices_at_rest
 from cooperative.tools.safety._moving import MovingWater
 from jaxmpm import seepage
 from jaxmpm.ground import WATER_WEIGHT
+from jaxmpm.seepage import Heads
 from jaxmpm.soil import STANDARD_GRAVITY
 from tests import ROOT
 from tests.scenes import tables
@@ -76,6 +91,8 @@ def test_keys_have_their_units(tmp_path):
     assert again.rain == campaign.rain
 
 
+VARIES = 'conductivity = { mean = "25 cm/day", cov = 1.0, length = [10.0, 2.0] }'
+
 REFUSED = {
     "conductivity in m/day": (RAIN.replace('"loam"', '"loam", conductivity = 0.9'), r"conductivity = 0\.9 m/s.*m/day"),
     "far from its class": (RAIN.replace('"loam"', '"clay", conductivity = 0.01'), "times that of clay"),
@@ -96,6 +113,19 @@ REFUSED = {
         r"^\[rain.layer 'a'\] name = 'a' is no \[\[layer\]\] of the ground: it has none, give soil instead$",
     ),
     "another program and rain": (at_rest_at(4.0) + 'rate = "1 mm/h"\n', "another program"),
+    "random conductivity in another unit": (
+        RAIN.replace('"loam" }', '"loam", conductivity = { mean = 0.25, cov = 1.0, length = [9.0, 2.0] } }'),
+        r"conductivity.* mean = 0\.25 m/s.*m/day",
+    ),
+    "its cov in per cent": (
+        RAIN.replace('"loam" }', f'"loam", {VARIES} }}').replace("1.0,", "100.0,"), "per cent meant",
+    ),
+    "of other axes": (RAIN.replace('"loam" }', f'"loam", {VARIES} }}').replace("[10.0, 2.0]", "[10.0]"), "1 value"),
+    "below 0 somewhere": (
+        RAIN.replace('"loam" }', f'"loam", {VARIES} }}').replace("cov = 1.0", "cov = 1.0, marginal = \"normal\""),
+        r"conductivity.* has values of -.* m/s",
+    ),
+    "beside another program": (at_rest_at(1.0) + f'soil = {{ soil_class = "loam", {VARIES} }}\n', "one answer for all"),
     "at beyond the times": (RAIN + 'at = "13 h"\n', "after the last of times"),
 }  # fmt: skip
 
@@ -231,9 +261,7 @@ def test_weight_and_suction_follow_the_water():
     assert factor(campaign, 0.0) > factor(replace(campaign, rain=replace(campaign.rain, suction=False)), 0.0)
 
 
-def test_a_pool_drawn_down_by_the_flow_of_its_scene():
-    """Soil that drains slowly keeps its water; the balance closes, and what is left of the pool pushes the slope."""
-    moving = """
+DRAWN_DOWN = """
 [drawdown]
 times = ["0 h", "1 h", "2 d"]
 level = [["0 h", 6.0], ["1 h", 3.0]]
@@ -243,8 +271,12 @@ cell = [2.0, 1.0]
 name = "sand"
 soil_class = "sand"
 """
-    layers = '[[layer]]\nname = "loam"\nbottom = [[0, 2], [22, 1]]\n[[layer]]\nname = "sand"\n'
-    campaign = parse(scene(moving, "", soil=SOIL + layers))
+LAYERS = '[[layer]]\nname = "loam"\nbottom = [[0, 2], [22, 1]]\n[[layer]]\nname = "sand"\n'
+
+
+def test_a_pool_drawn_down_by_the_flow_of_its_scene():
+    """Soil that drains slowly keeps its water; the balance closes, and what is left of the pool pushes the slope."""
+    campaign = parse(scene(DRAWN_DOWN, "", soil=SOIL + LAYERS))
     flow = campaign.flow
     assert flow.balance < 1e-6
     points = np.array([[2.0, 16.0], [5.0, 1.0]])
@@ -256,6 +288,102 @@ soil_class = "sand"
     assert late[1] < soon[1]
     assert [rested(campaign, time).site.pressure.level for time in campaign.drawdown.times] == [6.0, 3.0, 3.0]
     assert set(np.unique(flow.number)) == {0, 1}
+
+
+LOAM = DRAWN_DOWN.replace('{ soil_class = "loam" }', '{ soil_class = "loam", ' + VARIES + " }")
+SAND = DRAWN_DOWN + "conductivity = { mean = 8e-5, cov = 0.5, length = [8.0, 4.0] }\n"
+TOGETHER = '[cross_correlation]\nparameters = ["cohesion", "conductivity"]\nmatrix = [[1.0, -0.9], [-0.9, 1.0]]\n'
+
+
+def drawn(campaign: Campaign) -> tuple[runs.RandomSoil, np.ndarray]:
+    soil = runs.random_soil(campaign)
+    return soil, runs.coefficients_of(campaign, soil)
+
+
+def test_each_sample_rests_under_the_flow_of_its_own_conductivity():
+    """Against one flow by the solver with that field, and the pressure that it puts on the particles."""
+    text = scene(LOAM, "", soil=SOIL.replace("unit_weight = 19e3", "unit_weight = 17e3\nsaturated_unit_weight = 20e3"))
+    campaign = parse(text + LAYERS)
+    soil, samples = drawn(campaign)
+    conductivity = runs.conductivity_of(campaign, soil, samples[2])
+    flow = next(runs.own_flows(campaign, soil, samples[2:3]))
+    flowing, number = campaign.flowing, campaign.flowing.number
+    with jax.enable_x64(True):
+        loam, sand = seepage.soil_class("loam"), seepage.soil_class("sand")
+        conductivity = np.where(number == 0, conductivity, 712.8 / 864e4)
+        field = replace(seepage.zoned([loam, sand], number), conductivity=conductivity)
+        pool = seepage.open_face("surface", level=([0.0, 3600.0], [6.0, 3.0]))
+        problem = seepage.problem(flowing.cells, field, pool, seepage.open_face("left", level=6.0))
+        alone = seepage.run(problem, seepage.hydrostatic(problem, 6.0), campaign.drawdown.times)
+        heads = [Heads.of(problem, head) for head in alone.head]
+    for time, known in zip(campaign.drawdown.times, heads, strict=True):
+        np.testing.assert_allclose(flow.heads(time).total, known.total, atol=1e-4)
+    assert np.abs(np.asarray(flow.heads(2 * 86400.0).total - campaign.flow.heads(2 * 86400.0).total)).max() > 0.05
+
+    model = runs.build(campaign, "rough", soil, at_rest=False)
+    under, _ = model.of_sample(samples[2])
+    position = np.asarray(under.particles.position)
+    head = np.asarray(flow.heads(campaign.drawdown.moment).at(position))
+    retention = seepage.zoned([seepage.soil_class("loam"), seepage.soil_class("sand")], model.layer)
+    pool = WATER_WEIGHT * np.maximum(3.0 - position[-1], 0)
+    wanted = seepage.suction_stress(retention, head) - pool
+    np.testing.assert_allclose(under.loads.pore_pressure, wanted, rtol=1e-3, atol=30.0)
+    weight = np.asarray(under.particles.mass / under.particles.volume) * STANDARD_GRAVITY
+    wet = 20e3 - WATER_WEIGHT * (np.asarray(retention.porosity) - np.asarray(retention.water_content(head)))
+    np.testing.assert_allclose(weight, wet, rtol=1e-3)
+
+
+def test_conductivity_varies_in_its_layers_and_with_the_strength():
+    """Medians and scatter of fields through layers and of one; numbers elsewhere; the correlation that is asked for."""
+    campaign = parse(scene(LOAM, "", soil=SOIL + LAYERS) + TOGETHER)
+    soil, samples = drawn(replace(campaign, plan=replace(campaign.plan, samples=200)))
+    assert "conductivity" in soil.expansions
+    layer, cells = campaign.flowing.layer, campaign.flowing.cells
+    logs = np.log(np.stack([runs.conductivity_of(campaign, soil, sample) for sample in samples]))
+    np.testing.assert_allclose(logs[:, layer == 1], np.log(712.8 / 864e4), rtol=1e-4)
+    inside = logs[:, layer == 0]
+    assert inside.mean() == pytest.approx(np.log(0.25 / 86400) - np.log(2) / 2, abs=0.1)
+    assert inside.std(axis=0).mean() == pytest.approx(np.sqrt(np.log(2)), rel=0.1)
+    model = runs.build(campaign, "rough", soil, at_rest=False)
+    cohesion = np.log(np.stack([model._drawn(sample)["cohesion"] for sample in samples]))
+    centres = cells.centres().reshape(2, -1)[:, layer.ravel() == 0]
+    nearest = cKDTree(np.asarray(model.scene.particles.position).T).query(centres.T)
+    close = nearest[0] < 0.5
+    pairs = zip(inside[:, close].T, cohesion[:, nearest[1][close]].T, strict=True)
+    assert np.mean([np.corrcoef(*pair)[0, 1] for pair in pairs]) == pytest.approx(-0.9, abs=0.08)
+
+    apart = parse(scene(SAND, "", soil=SOIL + LAYERS))
+    soil, samples = drawn(apart)
+    assert {group.layer for group in soil.groups if "conductivity" in group.names} == {1}
+    fields = np.stack([runs.conductivity_of(apart, soil, sample) for sample in samples])
+    assert np.ptp(fields[:, layer == 0]) == 0
+    assert np.std(np.log(fields[:, layer == 1])) == pytest.approx(np.sqrt(np.log(1.25)), rel=0.3)
+
+
+def test_python_has_the_same_conductivity_and_mean_soil_its_mean():
+    campaign = parse(scene(RAIN.replace('"loam" }', f'"loam", {VARIES} }}')))
+    field = RandomConductivity(mean="25 cm/day", cov=1.0, length=(10.0, 2.0))
+    rain = replace(campaign.rain, soil=Hydraulics("loam", conductivity=field))
+    assert campaign.rain == rain
+    assert read(replace(campaign, name="of a script")).rain == rain
+    certain = _certain(campaign)
+    soil = runs.random_soil(certain)
+    np.testing.assert_allclose(runs.conductivity_of(certain, soil), 0.25 / 86400, rtol=1e-3)
+    alone = replace(campaign, random={})
+    assert alone.varies
+    assert runs.random_soil(alone).modes > 0
+
+
+@pytest.mark.slow  # compiles the flow of lanes
+def test_flows_side_by_side_are_those_of_single_ones(monkeypatch):
+    campaign = parse(scene(LOAM, "", soil=SOIL + LAYERS))
+    soil, samples = drawn(campaign)
+    fields = [runs.conductivity_of(campaign, soil, sample) for sample in samples[:3]]
+    together = campaign.flowing.solved(fields)
+    for field, lane in zip(fields, together, strict=True):
+        (single,) = campaign.flowing.solved([field])
+        for one, other in zip(single.known, lane.known, strict=True):
+            np.testing.assert_allclose(one.total, other.total, atol=1e-6)
 
 
 @pytest.mark.slow  # compiles flow and steady flow
