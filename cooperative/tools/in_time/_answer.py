@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import repeat
@@ -33,7 +33,7 @@ SHARE = 0.2
 PILOT = 10
 """Samples from whose rough runs the critical factor by slices follows."""
 SURFACES = 3
-"""Critical surfaces of the mean soil, of as many times, by which samples are screened."""
+"""Critical surfaces of the mean soil, of as many states, by which samples are screened."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,32 @@ class InTime:
     runs: dict[str, int]
 
 
+@dataclass(frozen=True)
+class State:
+    """The ground under the pore pressure of a time.
+
+    Args:
+        words: for its time, and for its load where there are several.
+        campaign: whose water moves.
+        time: s.
+    """
+
+    words: str
+    campaign: Campaign
+    time: float
+
+    @cached_property
+    def resting(self) -> Campaign:
+        """The campaign whose ground rests there."""
+        return rested(self.campaign, self.time)
+
+
 @dataclass
-class _Runner:
-    """Runs samples at times: on models in this process, or by workers."""
+class Runner:
+    """Runs samples in states of the ground: on models in this process, or by workers."""
 
     campaign: Campaign
+    states: Sequence[State]
     kept: Kept
     workers: runs.Workers | None
     stop: runs.Stop
@@ -82,10 +103,9 @@ class _Runner:
         return {}
 
     def ask(self, grid: str, at: int, numbers: Sequence[int]) -> Iterator[tuple[int, bool | None]]:
-        """Whether samples fail under the pressure of a time, None for runs that broke off."""
-        assert self.campaign.seepage is not None
+        """Whether samples fail in a state, None for runs that broke off."""
         limit = self.campaign.run.failure_displacement
-        resting = rested(self.campaign, self.campaign.seepage.times[at])
+        resting = self.states[at].resting
         if self.workers is not None:
             packed = runs.packed(resting)
             ended = runs.run_through(
@@ -128,8 +148,25 @@ def probability_in_time(
     Raises:
         ValueError: no water moves in the scene, nothing is random, or the folder is of another scene.
     """
-    table = campaign.seepage
-    if table is None:
+    audited = audited_samples(campaign, refined_runs)
+    assert campaign.seepage is not None
+    times = campaign.seepage.times
+    states = [State(in_hours(time), campaign, time) for time in times]
+    with running(campaign, states, folder, workers) as runner:
+        factors = screened(runner, progress)
+        lows = [record_lows(each) for each in factors]
+        rough, refined = first_failures(runner, factors, lows, audited, progress)
+    known = factors if np.isfinite(factors).all() else None
+    estimates = in_time(rough, refined if audited else None, known, len(times))
+    return InTime(
+        campaign, times, tuple(noted(estimates, rough, refined)), rough, refined, factors,
+        {grid: runner.kept.count(grid) for grid in ("rough", "refined")},
+    )  # fmt: skip
+
+
+def audited_samples(campaign: Campaign, refined_runs: int | None) -> int:
+    """How many samples run on the refined grid; ValueError for a campaign that has no answer as its water moves."""
+    if campaign.seepage is None:
         raise ValueError("no water moves in the scene: add [rain] or [drawdown]")
     check_samples(campaign)
     if campaign.run.failure == "limit load" and campaign.measured.limit_load is None:
@@ -138,61 +175,78 @@ def probability_in_time(
         raise ValueError(
             "calibrate = true is of one state of the water: the refined runs correct the rough ones instead"
         )
-    samples, count = campaign.plan.samples, len(table.times)
+    samples = campaign.plan.samples
     audited = min(samples, max(FEWEST, round(SHARE * samples)) if refined_runs is None else refined_runs)
     if 0 < audited < min(10, samples):
         raise ValueError(f"{audited} refined samples: give 10 or more, or 0 for the rough grid alone")
+    return audited
+
+
+@contextmanager
+def running(campaign: Campaign, states: Sequence[State], folder: Path, workers: int) -> Iterator[Runner]:
+    """A runner whose answers the folder keeps, until the block ends."""
     pool = None if workers == 1 else runs.Workers(partial(runs.process_pool, workers), workers, ahead=workers)
     with runs.stop_by_signals() as stop, closing(pool) if pool else nullcontext():
-        kept = Kept.opened(folder, campaign)
-        runner = _Runner(campaign, kept, pool, stop)
-        factors = _factors(runner, progress)
-        lows = [record_lows(each) for each in factors]
+        yield Runner(campaign, states, Kept.opened(folder, campaign, len(states)), pool, stop)
 
-        def guessed(critical: float) -> list[int]:
-            return [first_guess(each, low, critical) for each, low in zip(factors, lows, strict=True)]
 
-        pilot = range(min(PILOT, samples))
-        _first(runner, "rough", pilot, lows, guessed(1.0), progress)
-        told = [(factors[n, at], failed) for n, at, failed in kept.of("rough", pilot) if failed is not None]
-        guesses = guessed(critical_factor(*map(list, zip(*told, strict=True))) if told else 1.0)
-        rough = _first(runner, "rough", range(samples), lows, guesses, progress)
-        guesses = [
-            len(low) if first == count or first < 0 else low.index(first)
-            for low, first in zip(lows, rough, strict=True)
-        ]
-        fine = _first(runner, "refined", range(audited), lows, guesses, progress)
-    refined = dict(enumerate(fine.tolist()))
-    known = factors if np.isfinite(factors).all() else None
-    estimates = in_time(rough, refined if audited else None, known, count)
+def first_failures(
+    runner: Runner, factors: np.ndarray, chains: Sequence[Sequence[int]], audited: int, progress: Callable[[str], None]
+) -> tuple[np.ndarray, dict[int, int]]:
+    """The state of its chain in which each sample fails first, on the rough grid and of some on the refined one.
+
+    Args:
+        runner: of the states.
+        factors: of safety of each sample in each state (n, states).
+        chains: of each sample, states in which its factor falls from one to the next.
+        audited: samples on the refined grid.
+        progress: called with a line after each round.
+
+    Returns:
+        Numbers of states (n,) and by sample: their count for never, -1 where a run broke off.
+    """
+    samples, count = len(chains), len(runner.states)
+
+    def guessed(critical: float) -> list[int]:
+        return [first_guess(each, chain, critical) for each, chain in zip(factors, chains, strict=True)]
+
+    pilot = range(min(PILOT, samples))
+    _first(runner, "rough", pilot, chains, guessed(1.0), progress)
+    told = [(factors[n, at], failed) for n, at, failed in runner.kept.of("rough", pilot) if failed is not None]
+    guesses = guessed(critical_factor(*map(list, zip(*told, strict=True))) if told else 1.0)
+    rough = _first(runner, "rough", range(samples), chains, guesses, progress)
+    guesses = [
+        len(chain) if first == count or first < 0 else chain.index(first)
+        for chain, first in zip(chains, rough, strict=True)
+    ]
+    return rough, dict(enumerate(_first(runner, "refined", range(audited), chains, guesses, progress).tolist()))
+
+
+def noted(estimates: Sequence[Estimate], rough: np.ndarray, refined: Mapping[int, int]) -> Iterator[Estimate]:
+    """Estimates that say how many samples broke off, of the states in which samples fail first."""
     lost = int((rough < 0).sum()), sum(first < 0 for first in refined.values())
     notes = [
         f"{n} samples broke off on the {grid} grid and are left out"
         for n, grid in zip(lost, ("rough", "refined"), strict=True)
         if n
     ]
-    return InTime(
-        campaign, table.times, tuple(replace(each, notes=(*each.notes, *notes)) for each in estimates), rough, refined,
-        factors, {grid: kept.count(grid) for grid in ("rough", "refined")},
-    )  # fmt: skip
+    return (replace(each, notes=(*each.notes, *notes)) for each in estimates)
 
 
 def _first(
-    runner: _Runner, grid: str, numbers: Sequence[int], lows: Sequence[Sequence[int]], guesses: Sequence[int],
+    runner: Runner, grid: str, numbers: Sequence[int], chains: Sequence[Sequence[int]], guesses: Sequence[int],
     progress: Callable[[str], None],
 ) -> np.ndarray:  # fmt: skip
-    """The time at which each sample fails first on a grid, by rounds in which each is asked at one time."""
-    assert runner.campaign.seepage is not None
-    times = runner.campaign.seepage.times
-    brackets = {number: Bracket.of(len(lows[number])) for number in numbers}
+    """The state in which each sample fails first on a grid, by rounds in which each is asked in one of them."""
+    brackets = {number: Bracket.of(len(chains[number])) for number in numbers}
     while True:
         asked = defaultdict(list)
         for number in numbers:
             # What the folder has is not asked again.
             while (at := brackets[number].next(guesses[number])) is not None:
-                answer = runner.kept.answer(grid, number, lows[number][at])
+                answer = runner.kept.answer(grid, number, chains[number][at])
                 if answer is Kept.UNKNOWN:
-                    asked[lows[number][at]].append(number)
+                    asked[chains[number][at]].append(number)
                     break
                 brackets[number] = brackets[number].told(at, answer)  # type: ignore[arg-type]
         if not asked:
@@ -204,42 +258,49 @@ def _first(
             finally:
                 runner.kept.write()
             left = sum(not each.known for each in brackets.values())
-            progress(f"{grid} grid: {len(some)} samples at {in_hours(times[at])}, {left} of {len(numbers)} under way")
-    last = len(times)
+            progress(
+                f"{grid} grid: {len(some)} samples at {runner.states[at].words}, {left} of {len(numbers)} under way"
+            )
+    last = len(runner.states)
     return np.array(
         [
             -1
             if (known := brackets[number]).lost
-            else (last if known.fails == known.count else lows[number][known.fails])
+            else (last if known.fails == known.count else chains[number][known.fails])
             for number in numbers
         ],
         int,
     )
 
 
-def _factors(runner: _Runner, progress: Callable[[str], None]) -> np.ndarray:
-    """Factor of safety of each sample at each time, on critical surfaces of the mean soil; nan where there are none."""
-    campaign = runner.campaign
-    table = campaign.seepage
-    assert table is not None
-    samples, count = campaign.plan.samples, len(table.times)
+def screened(runner: Runner, progress: Callable[[str], None]) -> np.ndarray:
+    """Factor of safety of each sample in each state, on critical surfaces of the mean soil; nan where it has none."""
+    samples, count = runner.campaign.plan.samples, len(runner.states)
     if (known := runner.kept.factors) is not None:
         return known
     factors = np.full((samples, count), math.nan)
     try:
-        sections = [slices_at_rest(rested(campaign, time)) for time in table.times]
+        sections = [slices_at_rest(state.resting) for state in runner.states]
         chosen = np.unique(np.linspace(0, count - 1, min(count, SURFACES)).round().astype(int))
         critical = [critical_surface(sections[at]) for at in chosen]
     except ValueError as error:
-        progress(f"no screening by slices: {error}; every time may be that of a first failure")
+        progress(f"no screening by slices: {error}; every state may be that of a first failure")
         return factors
     surfaces = [each.slip.points for each in critical] + [each.circle.points for each in critical if each.circle]
-    model = runs.build(rested(campaign, table.times[0]), "rough", runner.soil, at_rest=False)
-    own = runs.own_flows(campaign, runner.soil, runner.coefficients) if campaign.conductivities else repeat(None)
-    for number, flow in zip(range(samples), own, strict=False):
+    model = runs.build(runner.states[0].resting, "rough", runner.soil, at_rest=False)
+    loads = {id(state.campaign): state.campaign for state in runner.states}
+    flows = [
+        runs.own_flows(load, runner.soil, runner.coefficients) if load.conductivities else repeat(None)
+        for load in loads.values()
+    ]
+    for number, *own in zip(range(samples), *flows, strict=False):
         strength = sample_strength(model, runner.coefficients[number])
-        if flow is not None:
-            sections = [slices_at_rest(rested(campaign, time, flow)) for time in table.times]
+        if any(flow is not None for flow in own):
+            flow_of = dict(zip(loads, own, strict=True))
+            sections = [
+                slices_at_rest(rested(state.campaign, state.time, flow_of[id(state.campaign)]))
+                for state in runner.states
+            ]
         for at, section in enumerate(sections):
             slices = replace(section, strength=strength)
             slips = [
@@ -249,7 +310,7 @@ def _factors(runner: _Runner, progress: Callable[[str], None]) -> np.ndarray:
         runner.stop.check()
     runner.kept.factors = factors
     runner.kept.write()
-    progress(f"slices: {samples} samples at {count} times on {len(surfaces)} surfaces")
+    progress(f"slices: {samples} samples in {count} states of the water on {len(surfaces)} surfaces")
     return factors
 
 

@@ -22,13 +22,13 @@ MEANINGS = {word: answer for answer, word in SYMBOLS.items()}
 
 @dataclass
 class Kept:
-    """What has been asked of samples, by grid, sample and time.
+    """What has been asked of samples, by grid, sample and state of the water.
 
     Args:
         path: of the file.
         digest: of the scene.
-        answers: "grid sample time" -> whether it fails, None where the run broke off.
-        factors: of safety of each sample at each time, None before they are known.
+        answers: "grid sample state" -> whether it fails, None where the run broke off.
+        factors: of safety of each sample in each state, None before they are known.
     """
 
     UNKNOWN: ClassVar[object] = object()
@@ -38,12 +38,13 @@ class Kept:
     factors: np.ndarray | None = None
 
     @classmethod
-    def opened(cls, folder: Path, campaign: Campaign) -> Kept:
+    def opened(cls, folder: Path, campaign: Campaign, states: int) -> Kept:
         """The answers of a folder, which is made if it is not there.
 
         Args:
             folder: of the answers.
             campaign: whose they are.
+            states: of the water in which samples are asked.
 
         Raises:
             ValueError: the folder has answers of another scene, or a file that holds none.
@@ -62,14 +63,14 @@ class Kept:
             factors = None if given is None else np.array(given, float)
         except (ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{kept.path} holds no answers ({error}): remove it, and samples run again") from error
-        shape = (campaign.plan.samples, 0 if campaign.seepage is None else len(campaign.seepage.times))
+        shape = (campaign.plan.samples, states)
         if digest != kept.digest or (factors is not None and factors.shape != shape):
             raise ValueError(f"{kept.path} is of another scene: give another folder")
         kept.answers, kept.factors = answers, factors
         return kept
 
     def answer(self, grid: str, sample: int, at: int) -> object:
-        """Whether a sample fails at a time, None where its run broke off, UNKNOWN where it has not run."""
+        """Whether a sample fails in a state, None where its run broke off, UNKNOWN where it has not run."""
         return self.answers.get((grid, sample, at), self.UNKNOWN)
 
     def tell(self, grid: str, sample: int, at: int, failed: bool | None) -> None:
@@ -77,7 +78,7 @@ class Kept:
         self.answers[grid, sample, at] = None if failed is None else bool(failed)
 
     def of(self, grid: str, samples: Container[int]) -> list[tuple[int, int, bool | None]]:
-        """Answers of some samples on a grid: sample, time, whether it fails."""
+        """Answers of some samples on a grid: sample, state, whether it fails."""
         return [(n, at, failed) for (of, n, at), failed in sorted(self.answers.items()) if of == grid and n in samples]
 
     def count(self, grid: str) -> int:

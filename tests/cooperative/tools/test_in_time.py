@@ -36,7 +36,7 @@ def asked(monkeypatch):
             record.append((grid, at, number))
             yield number, bool(factors[number, at] < {"rough": 1.16, "refined": 1.13}[grid])
 
-    monkeypatch.setattr(_answer._Runner, "ask", ask)
+    monkeypatch.setattr(_answer.Runner, "ask", ask)
     return record
 
 
@@ -49,7 +49,7 @@ def screened(monkeypatch):
         runner.kept.factors = strength - np.array([0.0, 0.05, 0.1, 0.08])
         return runner.kept.factors
 
-    monkeypatch.setattr(_answer, "_factors", factors)
+    monkeypatch.setattr(_answer, "screened", factors)
 
 
 @pytest.mark.usefixtures("screened")
