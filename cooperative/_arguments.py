@@ -179,6 +179,10 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
         help="run the scene's samples too: the probability of failure by each time",
     )
     moving.add_argument(
+        "--chart", action="store_true",
+        help="run them on the scene's chart too: P_f against intensity and duration of rain, or the rate of a drawdown",
+    )  # fmt: skip
+    moving.add_argument(
         "--refined-runs",
         type=int,
         metavar="SAMPLES",

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cooperative._arguments import parser
 from jaxmpm.support.extras import extra
@@ -240,8 +240,7 @@ def fos(args: argparse.Namespace) -> None:
 def seepage(args: argparse.Namespace) -> None:
     """Answer `jaxmpm seepage`."""
     from cooperative import runs
-    from cooperative.tools.in_time import lines as lines_in_time
-    from cooperative.tools.in_time import probability_in_time, write_in_time
+    from cooperative.tools import in_time
     from cooperative.tools.seepage import lines, wetted, write_wetted
     from jaxmpm.support.files import not_linked
 
@@ -249,15 +248,17 @@ def seepage(args: argparse.Namespace) -> None:
     folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-seepage"))
     result = wetted(campaign, factors=not args.flow, sample=args.sample)
     print(*map(printable, lines(result)), *write_wetted(result, folder), sep="\n", flush=True)
-    if not args.probability:
-        return
+    budget: dict[str, Any] = {
+        "refined_runs": args.refined_runs, "workers": default_workers() if args.workers is None else args.workers,
+        "progress": lambda line: print(line, file=sys.stderr, flush=True),
+    }  # fmt: skip
     with runs.stop_by_signals(ends_process=True):
-        answer = probability_in_time(
-            campaign, folder, refined_runs=args.refined_runs,
-            workers=default_workers() if args.workers is None else args.workers,
-            progress=lambda line: print(line, file=sys.stderr, flush=True),
-        )  # fmt: skip
-    print(*map(printable, lines_in_time(answer)), *write_in_time(answer, folder), sep="\n")
+        if args.probability:
+            answer = in_time.probability_in_time(campaign, folder, **budget)
+            print(*map(printable, in_time.lines(answer)), *in_time.write_in_time(answer, folder), sep="\n", flush=True)
+        if args.chart:
+            chart = in_time.probability_chart(campaign, folder, **budget)
+            print(*map(printable, in_time.chart_lines(chart)), *in_time.write_chart(chart, folder), sep="\n")
 
 
 def doctor(args: argparse.Namespace) -> None:

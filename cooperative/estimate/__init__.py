@@ -27,6 +27,7 @@ from cooperative.estimate._in_time import Bracket, critical_factor, first_guess,
 from cooperative.estimate._logistic import prior_chances
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
 from cooperative.estimate._nested import draw_samples
+from cooperative.estimate._on_chart import fails_under, falling_chain, on_chart
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides
 from cooperative.estimate._plain import ControlVariate, MonteCarlo, Published, SceneSamples
 from cooperative.estimate._protocol import (
@@ -89,6 +90,8 @@ __all__ = [
     "effective_size",
     "exact_limit",
     "exceedance",
+    "fails_under",
+    "falling_chain",
     "first_guess",
     "fit_distributions",
     "in_time",
@@ -98,6 +101,7 @@ __all__ = [
     "named_estimator",
     "next_audit",
     "next_refined",
+    "on_chart",
     "prior_chances",
     "published",
     "rank_samples",

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
-from annotated_types import GroupedMetadata, MaxLen
+from annotated_types import GroupedMetadata, MaxLen, MinLen
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, ValidationInfo
 from pydantic import model_validator as validates
 
@@ -38,6 +38,10 @@ LONGEST_NAME = 200
 MOST_LAYERS = 100
 HEAVIEST = 1e-4
 """Rate of rain (m/s) that is plausible, 360 mm/h: no longer rain has been measured."""
+FASTEST = 1e-3
+"""Rate (m/s) of rain or of a drawdown that is plausible on a chart: no dam is drawn down by 86 m a day."""
+MOST_LOADS = 40
+"""Along an axis of a chart."""
 COARSEST = 0.1
 """Conductivity (m/s) of clean gravel."""
 OFF = 1e3
@@ -152,6 +156,13 @@ STEADY = Limit(least=0.0, most=HEAVIEST, unit="m/s")
 Steady = Annotated[float, Quantity(STEADY, ', up to 360 mm/h; was mm/h or mm a year meant? Write "300 mm/year"')]
 
 
+Loaded = Annotated[
+    float,
+    Quantity(Limit(above=0.0, most=FASTEST, unit="m/s"), '; was another unit meant? Write "14 mm/h", or "0.5 m/day"'),
+]
+Duration = Annotated[float, Quantity(above_zero("s"))]
+
+
 def _class(name: str) -> str:
     from jaxmpm.seepage import CARSEL_PARRISH
 
@@ -263,6 +274,41 @@ Pressure = Annotated[
 """Total heads (m) of another program: rows [x, z, t, head], in 3D [x, y, z, t, head]."""
 
 
+def _check_rising(values: tuple[float, ...], where: str, unit: str) -> None:
+    """Raise Invalid for numbers of a key that do not rise."""
+    for before, after in pairwise(values):
+        if after <= before:
+            raise Invalid((where,), None, f"go from {before:g} to {after:g} {unit}", "give them rising, each once")
+
+
+@table
+class Chart(Part):
+    """Loads of `jaxmpm seepage --chart`: rain of each rate and duration, or drawdowns at each rate.
+
+    A drawdown goes from the first level to the lowest.
+    """
+
+    rates: Annotated[tuple[Loaded, ...], Strict(False), MinLen(2), MaxLen(MOST_LOADS)] = key(
+        "Of the rain, or of the fall of the level.", ["5 mm/h", "10 mm/h", "20 mm/h"],
+        allowed='two rates in m/s or more, or texts such as "10 mm/h" or "0.5 m/day", rising', units="m/s",
+    )  # fmt: skip
+    durations: Annotated[tuple[Duration, ...], Strict(False), MaxLen(MOST_LOADS)] = key(
+        "How long it rains.", ["6 h", "12 h", "24 h"], (),
+        allowed='times in s, or texts such as "12 h", rising', units="s",
+    )  # fmt: skip
+    after: Annotated[tuple[Duration, ...], Strict(False), MaxLen(MOST_LOADS)] = key(
+        "How long after the rain the slope is asked too; at its end it always is.", ["12 h"], (21600.0, 86400.0),
+        allowed='times in s, or texts such as "12 h", rising', units="s",
+    )  # fmt: skip
+
+    @validates(mode="after")
+    def _rising(self) -> Self:
+        _check_rising(self.rates, "rates", "m/s")
+        _check_rising(self.durations, "durations", "s")
+        _check_rising(self.after, "after", "s")
+        return self
+
+
 @table
 class Seepage(Part):
     """Water that moves in the ground while nothing slides.
@@ -323,14 +369,16 @@ class Seepage(Part):
         "Edges of a cell of the flow.", [1.0, 0.5], None, otherwise="the cell of the refined grid, half of it upright"
     )
     tolerance: AboveZero = key("Error of a step in water content.", 0.005, 0.005)
+    chart: Chart | None = key(
+        "Loads of `jaxmpm seepage --chart` in place of `rate`, or of `level`, and `times`; `[rain.chart]`.",
+        {"rates": ["5 mm/h", "10 mm/h"], "durations": ["6 h", "24 h"]}, None, otherwise="none",
+    )  # fmt: skip
 
     @validates(mode="after")
     def _times(self) -> Self:
         if not self.times:
             raise Invalid((), None, "lacks times", 'add when the slope is asked, times = ["0 h", "12 h"]')
-        for before, after in pairwise(self.times):
-            if after <= before:
-                raise Invalid(("times",), None, f"go from {before:g} to {after:g} s", "give them rising, each once")
+        _check_rising(self.times, "times", "s")
         if self.times[-1] <= 0:
             raise Invalid(("times",), None, "end at 0 s, when nothing has moved yet", "give later ones")
         if self.at is not None and self.at > self.times[-1]:
@@ -351,6 +399,7 @@ class Seepage(Part):
                 name for name in ("rate", "level", "initial_rate", "left", "right") if getattr(self, name) is not None
             ]
             sources += ["drains"] if self.drains else []
+            sources += ["chart"] if self.chart is not None else []
             if sources and sources != ["level"]:
                 raise Invalid(
                     (sources[0],), None, "has no effect beside pressure, which another program has computed",
@@ -431,6 +480,12 @@ class Rain(Seepage):
     symbols. A text holds a unit, such as "14 mm/h", "12 h" or "0.9 m/day"; a number is in SI units.
     """
 
+    @validates(mode="after")
+    def _storms(self) -> Self:
+        if self.chart is not None and not self.chart.durations:
+            raise Invalid(("chart",), None, "lacks durations", 'add how long it rains, durations = ["6 h", "24 h"]')
+        return self
+
 
 @table
 class Drawdown(Seepage):
@@ -438,3 +493,13 @@ class Drawdown(Seepage):
 
     The ground begins with the water at rest at the first level, unless `[water]` or `initial_rate` gives another state.
     """
+
+    @validates(mode="after")
+    def _falls(self) -> Self:
+        if self.chart is not None and self.chart.durations:
+            raise Invalid(
+                ("chart", "durations"), None, "is of rain: a drawdown lasts until its level has fallen", "leave it out"
+            )
+        if self.chart is not None and self.level is not None and min(z for _, z in self.level) >= self.level[0][1]:
+            raise Invalid(("level",), None, "does not fall, as chart has it do", "give lower ones, or leave chart out")
+        return self

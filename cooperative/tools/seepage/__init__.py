@@ -1,10 +1,11 @@
 """Water that moves in the ground of a scene: pressure at its times, factor of safety against time."""
 
 from cooperative.tools.seepage._answer import HOUR, Moment, Wetted, in_hours, lines, wetted
-from cooperative.tools.seepage._pictures import csv_text, draw_load, write_texts, write_wetted
+from cooperative.tools.seepage._pictures import MM_PER_HOUR, csv_text, draw_load, write_texts, write_wetted
 
 __all__ = [
     "HOUR",
+    "MM_PER_HOUR",
     "Moment",
     "Wetted",
     "csv_text",

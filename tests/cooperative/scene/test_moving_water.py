@@ -126,6 +126,23 @@ REFUSED = {
         r"conductivity.* has values of -.* m/s",
     ),
     "beside another program": (at_rest_at(1.0) + f'soil = {{ soil_class = "loam", {VARIES} }}\n', "one answer for all"),
+    "a chart of storms without durations": (RAIN + 'chart = { rates = ["1 mm/h", "2 mm/h"] }\n', "lacks durations"),
+    "a chart in m/s": (RAIN + 'chart = { rates = [5, 10], durations = ["6 h"] }\n', "rates = 5 m/s: .*mm/h"),
+    "a chart of one rate": (RAIN + 'chart = { rates = ["1 mm/h"], durations = ["6 h"] }\n', "two rates"),
+    "a chart that falls": (
+        RAIN + 'chart = { rates = ["2 mm/h", "1 mm/h"], durations = ["6 h"] }\n', "give them rising"
+    ),
+    "a chart of another program": (
+        at_rest_at(4.0) + 'chart = { rates = ["1 mm/h", "2 mm/h"], durations = ["6 h"] }\n', "another program",
+    ),
+    "a chart of a level that rises": (
+        RAIN.replace("[rain]", "[drawdown]").replace('rate = "14 mm/h"', 'level = [["0 h", 3.0], ["6 h", 4.0]]')
+        + 'chart = { rates = ["1 m/d", "2 m/d"] }\n', "does not fall",
+    ),
+    "durations of a drawdown": (
+        RAIN.replace("[rain]", "[drawdown]").replace('rate = "14 mm/h"', 'level = [["0 h", 3.0], ["6 h", 1.0]]')
+        + 'chart = { rates = ["1 m/d", "2 m/d"], durations = ["6 h"] }\n', "is of rain",
+    ),
     "at beyond the times": (RAIN + 'at = "13 h"\n', "after the last of times"),
 }  # fmt: skip
 
