@@ -80,7 +80,7 @@ def reach_of(campaign: Campaign) -> Reach | None:
         return None
     face, (low, high) = shape.face, (shape.corner[0], shape.corner[0] + shape.extent[0])
     rear, end = (low, high) if face.downhill == 1 else (high, low)
-    behind, ground = -float(face.beyond(rear)), float(face.beyond(end))
+    behind, ground = abs(face.toe_x - rear), abs(face.toe_x - end)
     x = (np.arange(POINTS) + 0.5) * behind / POINTS
     plan = [
         rear + face.downhill * x,
