@@ -81,21 +81,8 @@ def _soil_of(
 ) -> tuple[Soil | FrictionalSoil, dict[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
-    values, home = table.values, "[soil]" if where == SOIL else "the layer"
-
-    def path(parameter: str) -> Path:
-        return of_strength if of_strength and parameter == "strength" else (*where, parameter)
-
-    gathered, random = Gathered(), cast(Random, {})
-    with gathered.of(), at(*where):
-        table.check_kind(home)
-    with gathered.of():
-        random = fields_of(
-            {name: value for name, value in values.items() if name in LIMITS}, path, span=ground.span,
-            downhill=getattr(ground.shape, "downhill", 1), home=home, unusual=table.unusual,
-        )  # fmt: skip
-    gathered.raise_all()
-    values = _means(values)
+    table: of the soil. where: path of the table. of_strength: path of its strength, where that stands in a table of
+    its own. Raises Invalid for soil that will not do.
     """
     values, home = table.values, "[soil]" if where == SOIL else "the layer"
 

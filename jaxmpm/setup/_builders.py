@@ -146,7 +146,7 @@ def block(
     d, cell = len(size), discretisation.cell
     check_discretisation(discretisation, d)
     zero = (0.0,) * d
-    velocity, gravity = (zero if each is None else each for each in (velocity, gravity))
+    velocity, gravity = (zero if vector is None else vector for vector in (velocity, gravity))
     for name, values in (("domain", domain), ("corner", corner), ("velocity", velocity), ("gravity", gravity)):
         check.axes(name, values, d)
     check.positive("size", size, "m")

@@ -80,7 +80,7 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
             f"boundary.friction = {shown(friction)} with walls of {sorted({wall.hold for wall in walls})}: give it "
             "with, and only with, walls of 'friction' or a base"
         )
-    if not rough and any(each is not None for each in (boundary.cohesion, boundary.pressure, boundary.softening)):
+    if not rough and any(field is not None for field in (boundary.cohesion, boundary.pressure, boundary.softening)):
         raise ValueError(
             "cohesion, pressure or softening of walls without walls of 'friction' or a base: leave them out"
         )
@@ -98,7 +98,7 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
     if cut is not None and (np.shape(cut) != nodes or np.asarray(cut).dtype != bool):
         raise ValueError(f"cut has shape {np.shape(cut)}: give {nodes}, one bool for each node")
     if base is not None:
-        shapes = tuple(np.shape(each) for each in (base.normal, base.area, base.volume))
+        shapes = tuple(np.shape(array) for array in (base.normal, base.area, base.volume))
         if shapes != ((*nodes, grid.dimension), nodes, nodes):
             raise ValueError(f"the base has shapes {shapes}: give normals {(*nodes, grid.dimension)}, else {nodes}")
 
@@ -140,7 +140,7 @@ def _check_weights(kernel: Kernel, grid: Grid) -> None:
     r = array(reach - np.arange(3)[:, None], jnp.float32)
     for axis in range(grid.dimension):
         weights = at_once(lambda at, axis=axis: kernel.shape(axis, grid.cell, at), r)
-        value, slope = (np.asarray(each).sum(0) for each in weights)
+        value, slope = (np.asarray(weight).sum(0) for weight in weights)
         if not (np.abs(value - 1) < 1e-5).all() or not (np.abs(slope * grid.cell) < 1e-4).all():
             raise ValueError(
                 f"{kernel!r} weighs a particle by {value.min():g} to {value.max():g} over its three nodes along axis "
@@ -182,7 +182,7 @@ def gravity_vector(gravity: Any, dimension: int) -> np.ndarray | Array:
         check.not_negative("gravity", gravity, "m/s2")
         gravity = (0.0,) * (dimension - 1) + (-gravity,)
     if check.is_traced(gravity):
-        return jnp.stack([jnp.asarray(each) for each in gravity])
+        return jnp.stack([jnp.asarray(component) for component in gravity])
     vector = np.asarray(gravity, float)
     check.axes("gravity", vector.tolist(), dimension)
     return vector

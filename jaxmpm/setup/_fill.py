@@ -64,7 +64,9 @@ def fill(
     volume = float(np.prod(spacing))
     return Particles(
         position=array(position, dtype),
-        mass=at_once(lambda each: jnp.full(position.shape[1], each / STANDARD_GRAVITY * volume, dtype), unit_weight),
+        mass=at_once(
+            lambda weight: jnp.full(position.shape[1], weight / STANDARD_GRAVITY * volume, dtype), unit_weight
+        ),
         volume=array(np.full(position.shape[1], volume), dtype),
     )
 

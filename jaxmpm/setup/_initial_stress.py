@@ -376,12 +376,12 @@ def overburden(scene: Scene) -> np.ndarray | Array:
         return np.zeros(z.size)
     particles, loads = scene.particles, scene.loads
     numbers = host(particles, loads)
-    mass, volume = (numbers.asarray(each, float) for each in (particles.mass, particles.volume))
+    mass, volume = (numbers.asarray(array, float) for array in (particles.mass, particles.volume))
     # Not volume over height: the ground's surface may cut a particle.
     gaps = [np.diff(np.unique(axis)) for axis in across]
     height = -np.diff(z[order])[~starts[1:]].min()
-    known = all(gap.size for gap in gaps)
-    area = float(np.prod([np.median(gap) for gap in gaps])) if known else volume.max() / height
+    spaced = all(gap.size for gap in gaps)
+    area = float(np.prod([np.median(gap) for gap in gaps])) if spaced else volume.max() / height
     weight = -numbers.asarray(loads.gravity, float)[-1] * mass
     if loads.water is not None:
         push = at_once(lambda water, at: water.push(at)[-1], loads.water, particles.position)

@@ -146,7 +146,7 @@ def _named(table: Table, axes: str) -> tuple[dict[str, int], dict[str, str | Non
     left_out, twice = [], False
     for k, heading in enumerate(table.names):
         plain = re.sub(r"[\s_]+", "_", heading.strip().lower())
-        name = next((name for name, known in HEADINGS.items() if plain in known), None)
+        name = next((name for name, headings in HEADINGS.items() if plain in headings), None)
         twice |= name in columns
         if name is None:
             left_out += [heading] if heading else []
@@ -237,14 +237,14 @@ def skipped(motion: BaseMotion, dt: float) -> float:
     """What time steps (s) leave out of a record, by the velocity that it makes, over its peak."""
     from scipy.integrate import cumulative_trapezoid  # loads what only a record needs
 
-    given = np.asarray(motion.acceleration, np.float64)
-    interval, last = float(motion.interval), given.shape[1] - 1
+    acceleration = np.asarray(motion.acceleration, np.float64)
+    interval, last = float(motion.interval), acceleration.shape[1] - 1
     if interval >= dt:
         return 0.0
-    time = np.arange(given.shape[1]) * interval
+    time = np.arange(acceleration.shape[1]) * interval
     seen = np.append(np.arange(0, last * interval, dt), last * interval)
-    sampled = np.stack([np.interp(seen, time, each) for each in given])
-    whole, part = (cumulative_trapezoid(a, t, initial=0) for a, t in ((given, time), (sampled, seen)))
+    sampled = np.stack([np.interp(seen, time, component) for component in acceleration])
+    whole, part = (cumulative_trapezoid(a, t, initial=0) for a, t in ((acceleration, time), (sampled, seen)))
     peak = np.abs(whole).max()
     if peak == 0:
         return 0.0

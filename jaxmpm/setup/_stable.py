@@ -64,7 +64,7 @@ def highest_frequency(scene: Scene, *, iterations: int = ITERATIONS) -> Array:
 
     noise = jax.random.normal(jax.random.key(0), (scene.grid.nodes, d), particles.mass.dtype)
     start = unit(hold(scene, jnp.where(carries, noise, 0)))[0], jnp.zeros((), particles.mass.dtype)
-    _, square = jax.lax.fori_loop(0, iterations, lambda _, each: unit(accelerations(each[0])), start)
+    _, square = jax.lax.fori_loop(0, iterations, lambda _, state: unit(accelerations(state[0])), start)
     return jnp.sqrt(square)
 
 

@@ -251,7 +251,7 @@ def _sliced(campaign: Campaign, layers: Sequence[Layer], water: Water, strength:
         shape, layers, water=water if moves is None else moves.level, r_u=site.r_u,
         moving=None if moves is None else MovingWater.of(campaign, shape, layers),
         k_h=run.k_h, k_v=run.k_v, gravity=run.gravity, strength=strength,
-        rock=[number for number, each in enumerate(site.layers) if each.rock],
+        rock=[number for number, layer in enumerate(site.layers) if layer.rock],
     )  # fmt: skip
 
 
@@ -310,15 +310,15 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
         site.water_table, int | float | tuple | list | None
     ):
         return None
-    every = [each for values in fields.values() for each in values if isinstance(each, RandomField)]
-    if any(each.boreholes is not None or each.uncertain for each in every):
+    every = [field for values in fields.values() for field in values if isinstance(field, RandomField)]
+    if any(field.boreholes is not None or field.uncertain for field in every):
         return None
-    known = {"strength": STRENGTHS[0], "cohesion": STRENGTHS[0], "friction": STRENGTHS[1]}
+    rows_of = {"strength": STRENGTHS[0], "cohesion": STRENGTHS[0], "friction": STRENGTHS[1]}
     x, heights = shape.boundaries(layers)
 
     def at(places: np.ndarray, z: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         numbers = np.full((2, places.size), np.nan)
-        for name in known.keys() & fields.keys():
+        for name in rows_of.keys() & fields.keys():
             for layer, field in enumerate(fields[name]):
                 if not isinstance(field, RandomField) or not hasattr(layers[layer].soil, name):
                     continue
@@ -330,10 +330,10 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
                 elif isinstance(top, str):
                     top = np.interp(places[here], x, heights[layer if top == "layer" else 0])
                 median = float(field.distribution.transform(jnp.zeros(())))
-                numbers[known[name], here] = median * field.grown(np.maximum(top - z[here], 0.0))
+                numbers[rows_of[name], here] = median * field.grown(np.maximum(top - z[here], 0.0))
         return numbers[0], numbers[1]
 
-    return layers, site.water_table, at if known.keys() & fields.keys() else None
+    return layers, site.water_table, at if rows_of.keys() & fields.keys() else None
 
 
 def _of_particles(model: GridModel, coefficients: np.ndarray | None) -> tuple[list[Layer], Water, Strength]:
@@ -365,11 +365,11 @@ def _weighed(layers: Sequence[Layer], model: GridModel, scene: Scene) -> list[La
 
 def _strength(model: GridModel, scene: Scene) -> Strength:
     """Peak strength at the bases of slices, interpolated between particles of the same layer."""
-    known = {name: np.asarray(each.value, float) for name, each in declared(scene.material).items()}
+    parameters = {name: np.asarray(parameter.value, float) for name, parameter in declared(scene.material).items()}
     count = scene.particles.mass.shape
-    undrained = np.broadcast_to(known.get("strength", np.nan), count)
-    cohesion = np.where(np.isnan(undrained), np.broadcast_to(known.get("cohesion", np.nan), count), undrained)
-    friction = np.broadcast_to(np.rad2deg(known.get("friction", np.nan)), count)
+    undrained = np.broadcast_to(parameters.get("strength", np.nan), count)
+    cohesion = np.where(np.isnan(undrained), np.broadcast_to(parameters.get("cohesion", np.nan), count), undrained)
+    friction = np.broadcast_to(np.rad2deg(parameters.get("friction", np.nan)), count)
     friction = np.where(np.isnan(undrained), friction, 0.0)
     position = np.asarray(scene.particles.position, float).T
     number = np.zeros(count, int) if model.layer is None else model.layer
@@ -381,8 +381,8 @@ def _strength(model: GridModel, scene: Scene) -> Strength:
 
     def at(x: np.ndarray, z: np.ndarray, layer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values = np.full((2, x.size), np.nan)  # in a layer too thin for particles
-        for each, strength in fields.items():
-            here = layer == each
+        for which, strength in fields.items():
+            here = layer == which
             if here.any():
                 values[:, here] = strength(x[here], z[here])
         return values[0], values[1]
@@ -408,15 +408,15 @@ def _interpolated(
     neighbours = min(NEIGHBOURS, len(position))
     distance, nearest = cKDTree(position).query(points, k=[*range(1, neighbours + 1)])
     weight = 1 / np.maximum(distance, 1e-9) ** 2
-    known = ((values[:, nearest] * weight).sum(axis=2) / weight.sum(axis=1)).reshape(-1, *shape)
+    at_points = ((values[:, nearest] * weight).sum(axis=2) / weight.sum(axis=1)).reshape(-1, *shape)
 
     def at(x: np.ndarray, z: np.ndarray) -> np.ndarray:
         place = np.clip((np.stack([x, z]) - corner[:, None]) / spacing[:, None], 0, (shape - 1)[:, None])
         i, j = low = np.minimum(place.astype(int), (shape - 2)[:, None])
         s, t = place - low
         return (
-            known[:, i, j] * (1 - s) * (1 - t) + known[:, i + 1, j] * s * (1 - t)
-            + known[:, i, j + 1] * (1 - s) * t + known[:, i + 1, j + 1] * s * t
+            at_points[:, i, j] * (1 - s) * (1 - t) + at_points[:, i + 1, j] * s * (1 - t)
+            + at_points[:, i, j + 1] * (1 - s) * t + at_points[:, i + 1, j + 1] * s * t
         )  # fmt: skip
 
     return at
@@ -452,7 +452,7 @@ def _held(model: GridModel, scene: Scene, state: State) -> Iterator[str]:
     limit = float(diagnostics.exceeded_displacement(scene, state, failing_volume(model.campaign))) / 2
     if limit == 0:
         return
-    position, volume = (np.asarray(each, float) for each in (scene.particles.position, scene.particles.volume))
+    position, volume = (np.asarray(array, float) for array in (scene.particles.position, scene.particles.volume))
     walls = walls_reached(
         position, np.asarray(state.displacement, float), volume, model.walls, half_size=model.half_size,
         failure_displacement=limit, within=scene.grid.cell, reach=model.reach, polygon=model.campaign.site.fixed_edge,
@@ -477,7 +477,7 @@ def _causes(result: Safety, model: GridModel, *, higher: bool, cells: float) -> 
     """Those of `_reasons` that apply. cells: over the height of the slope."""
     campaign, numerics = model.campaign, model.campaign.grids[model.grid]
     site = campaign.site
-    soils = [each.soil for each in site.soils(campaign.soil)]
+    soils = [layer.soil for layer in site.soils(campaign.soil)]
     assert result.equilibrium is not None
     slip = result.equilibrium.slip
     if cells < CELLS_HIGH:
@@ -487,8 +487,8 @@ def _causes(result: Safety, model: GridModel, *, higher: bool, cells: float) -> 
     if higher and not unlocked and any(getattr(soil, "strength", None) is not None for soil in soils):
         yield "clay without a cure of locking resists too much: give the grid cell_average = true"
     thin = [
-        each.name
-        for each, thickness in zip(site.layers, site.thicknesses, strict=True)
+        layer.name
+        for layer, thickness in zip(site.layers, site.thicknesses, strict=True)
         if thickness.too_thin(numerics.cell)
     ]
     if higher and thin:

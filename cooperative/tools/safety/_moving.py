@@ -50,10 +50,10 @@ class MovingWater:
         dx, dz = x[1] - x[0], z[1] - z[0]
         middle = z[:-1] + dz / 2
         top = np.asarray(shape.heights(x), float)[:, None]
-        plain = np.array([each.soil.unit_weight for each in layers])
+        plain = np.array([layer.soil.unit_weight for layer in layers])
 
         def numbers(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            points = np.stack([each.ravel() for each in np.meshgrid(x, heights, indexing="ij")])
+            points = np.stack([axis.ravel() for axis in np.meshgrid(x, heights, indexing="ij")])
             inside = np.stack([points[0], np.minimum(points[1], np.repeat(top[:, 0], heights.size) - 1e-6 * dz)])
             layer = campaign.site.layer_of(inside, campaign.grids["refined"])
             return points, np.zeros(points.shape[1], int) if layer is None else layer
@@ -66,16 +66,18 @@ class MovingWater:
         weight = weight * campaign.run.gravity / STANDARD_GRAVITY
         low, high = z[:-1], np.clip(top, z[:-1], z[1:])
 
-        def above(each: np.ndarray) -> np.ndarray:
-            return np.concatenate([np.cumsum(each[:, ::-1], axis=1)[:, ::-1], np.zeros((x.size, 1))], axis=1)
+        def above(values: np.ndarray) -> np.ndarray:
+            return np.concatenate([np.cumsum(values[:, ::-1], axis=1)[:, ::-1], np.zeros((x.size, 1))], axis=1)
 
         values = pressure.reshape(x.size, -1), above(weight * (high - low)), above(weight * (high**2 - low**2) / 2)
         return cls((float(x[0]), float(z[0])), (float(dx), float(dz)), np.stack(values))
 
     def at(self, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pressure (...) Pa, weight above (...) N/m2 and its moment (...) N/m at points of any shape (m)."""
-        place = [(each - low) / step for each, low, step in zip((x, z), self.corner, self.spacing, strict=True)]
-        pressure, weight, moment = (map_coordinates(each, place, order=1, mode="nearest") for each in self.values)
+        place = [
+            (coordinate - low) / step for coordinate, low, step in zip((x, z), self.corner, self.spacing, strict=True)
+        ]
+        pressure, weight, moment = (map_coordinates(values, place, order=1, mode="nearest") for values in self.values)
         return pressure, weight, moment
 
     def mirrored(self) -> MovingWater:

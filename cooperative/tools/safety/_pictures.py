@@ -94,7 +94,7 @@ def _surfaces(ax: Axes, result: Safety, campaign: Campaign, title: str) -> None:
     """Layers, water and slip surfaces."""
     assert result.equilibrium is not None
     assert result.shape is not None
-    names = [literal(each.name) + (" (rock)" if each.rock else "") for each in campaign.site.layers] or ["soil"]
+    names = [literal(layer.name) + (" (rock)" if layer.rock else "") for layer in campaign.site.layers] or ["soil"]
     for number, zone in zones(result.shape, result.layers):
         corners = np.asarray(shapely.get_exterior_ring(zone).coords)
         ax.add_patch(Polygon(corners, fc=LAYERS(number % LAYERS.N), ec="0.5", lw=0.6, label=names[number]))
@@ -127,7 +127,7 @@ def _failing(ax: Axes, result: Safety) -> None:
     size = np.linalg.norm(displacement, axis=0)
     section, half = (
         position[[0, -1]],
-        np.array([np.diff(np.unique(each.round(6))).min() / 2 for each in position[[0, -1]]]),
+        np.array([np.diff(np.unique(coordinate.round(6))).min() / 2 for coordinate in position[[0, -1]]]),
     )
     norm = Normalize(0.0, max(float(np.quantile(size, 0.995)), 1e-6))
     boxes = draw_particles(ax, section, half, size, "viridis", norm, displacement=displacement[[0, -1]])

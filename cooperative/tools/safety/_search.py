@@ -154,12 +154,12 @@ def critical_surface_of(slices: Slices) -> Critical:
     seams.sort(key=lambda found: found[0].factor)
     starts += [_refined(vertices) for slip, vertices in seams[:STARTS] if slip.method == "spencer"]
     shapes = (_any_shape(trials, start) for start in starts)
-    answers = [each for each in (circle, *(slip for slip, _ in seams), *shapes) if each is not None]
+    answers = [slip for slip in (circle, *(slip for slip, _ in seams), *shapes) if slip is not None]
     if not answers:
         raise ValueError(f"no surface {NO_FACTOR}")
     # Janbu's level forces between slices understate the factor: his stands for a seam without another answer.
-    rigorous = [each for each in answers if each.method != "janbu"]
-    slip = min(rigorous or answers, key=lambda each: each.factor)
+    rigorous = [slip for slip in answers if slip.method != "janbu"]
+    slip = min(rigorous or answers, key=lambda slip: slip.factor)
     return Critical(slip, circle, trials.count)
 
 
@@ -337,11 +337,11 @@ def _critical_along(trials: _Trials, seam: np.ndarray) -> tuple[Slip, np.ndarray
     """
     slices = trials.slices
     knees = np.linspace(seam[0, 0], seam[-1, 0], KNEES)
-    a, b = (knees[each] for each in np.triu_indices(KNEES, 1))
+    a, b = (knees[pair] for pair in np.triu_indices(KNEES, 1))
     falls = slices.ground(a) >= slices.ground(b)
     angles = np.array([(active, passive) for active in ACTIVE for passive in PASSIVE])
-    up, down = (np.tile(each, len(a)) for each in angles.T)
-    a, b, falls = (np.repeat(each, len(angles)) for each in (a, b, falls))
+    up, down = (np.tile(array, len(a)) for array in angles.T)
+    a, b, falls = (np.repeat(array, len(angles)) for array in (a, b, falls))
     numbers = np.stack([a, b, np.where(falls, up, down), np.where(falls, down, up)], axis=1)
     apart = (seam[-1, 0] - seam[0, 0]) / KNEES
     steps = np.array([apart / 2, apart / 2, 0.1, 0.1])

@@ -306,7 +306,7 @@ class Slices:
         water = conditions.get("water")
         if isinstance(water, int | float):
             water = [(wall, water) for wall in shape.outline().walls]
-        weights = [[each.soil.unit_weight, getattr(each.soil, "saturated_unit_weight", None)] for each in layers]
+        weights = [[layer.soil.unit_weight, getattr(layer.soil, "saturated_unit_weight", None)] for layer in layers]
         contact = shape.interface
         lines = [np.stack([x, heights[0]], axis=1), np.stack([x, floor], axis=1)]
         lines += [] if water is None else [np.asarray(water, float)]
@@ -454,7 +454,7 @@ class Slices:
         line = surfaces.z + np.maximum(-clearance, 0)
         x, z = (surfaces.x[:, 1:] + surfaces.x[:, :-1]) / 2, (line[:, 1:] + line[:, :-1]) / 2
         width, rise = np.diff(surfaces.x), np.diff(line)
-        tops = [np.interp(x, self.x, each) for each in self.heights]
+        tops = [np.interp(x, self.x, height) for height in self.heights]
         # Where a surface is above the ground, or on it, nothing slides.
         depth = tops[0] - z
         there = (depth > ROUNDING) & (width > 0)
@@ -544,9 +544,9 @@ class Slices:
         if self.strength is not None:
             number, *at = np.nonzero(lies * there)
             where = tuple(at)
-            given = self.strength(x[where], z[where], number)
+            peak = self.strength(x[where], z[where], number)
             for values, own, usual in zip(
-                (cohesion, tangent), (given[0], np.tan(np.radians(given[1]))), strengths, strict=True
+                (cohesion, tangent), (peak[0], np.tan(np.radians(peak[1]))), strengths, strict=True
             ):
                 differs = np.where(np.isfinite(own), own - usual[number], 0)
                 np.add.at(values, where, differs * lies[(number, *at)])
@@ -717,7 +717,7 @@ def _inclined(bodies: _Bodies, inverse: np.ndarray, angle: np.ndarray) -> np.nda
         arm, turned = z * np.cos(angle) + x * np.sin(angle), x * np.cos(angle) - z * np.sin(angle)
         balance = force.sum(axis=1, keepdims=True)
         turning = (force * arm).sum(axis=1, keepdims=True) - moment
-        a, b = (each.sum(axis=1, keepdims=True) for each in (by_inverse, by_angle))
+        a, b = (part.sum(axis=1, keepdims=True) for part in (by_inverse, by_angle))
         c = (by_inverse * arm).sum(axis=1, keepdims=True)
         d = (by_angle * arm + force * turned).sum(axis=1, keepdims=True)
         determinant = a * d - b * c
