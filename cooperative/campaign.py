@@ -40,6 +40,7 @@ from cooperative.store import (
     Source,
     Store,
     open_store,
+    read_sample,
     restart_path,
     store_text,
     stored_text,
@@ -385,7 +386,10 @@ def slide(runner: Runner, findings: Findings) -> Findings:
 
 
 def _slide_longer(runner: Runner, findings: Findings, refined: Rows, slides: Slides) -> None:
-    """Let slides go on that had not come to rest at an earlier end than slides have now."""
+    """Let slides go on that had not come to rest at an earlier end than slides have now.
+
+    One that breaks off while it goes on keeps its row up to the earlier end.
+    """
     last = runner.campaign.run.last("refined")
     early = refined.columns.get("time", np.full(len(refined.numbers), np.inf)) < last * (1 - 1e-6)
     moving = np.flatnonzero(slides.slid & early & (refined.columns["status"] == "FINISHED"))
@@ -394,6 +398,10 @@ def _slide_longer(runner: Runner, findings: Findings, refined: Rows, slides: Sli
     numbers = [refined.numbers[at] for at in moving]
     with runner.bar("slides that had not come to rest", moving.size, 0) as bar:
         for sample in runner.samples("refined", numbers, findings.coefficients, slides=True):
+            if sample.row["broke_off"]:
+                # What the slide did up to its earlier end is known, and how it ended.
+                earlier = read_sample(runner.store, "refined", sample.number)
+                sample = replace(earlier, status=sample.status, seconds=sample.seconds)
             write_sample(runner.store, SLIDES, sample, longer=True)
             if sample.status != "FINISHED":
                 restart_path(runner.store.folder, MOVING, sample.number).unlink(missing_ok=True)

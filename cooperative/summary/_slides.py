@@ -41,6 +41,8 @@ from cooperative.summary._values import (
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
 CURVES = ("runout", "volume", "depth")
 """Consequences with a curve of their probability of being exceeded."""
+AT_REST = ("SETTLED", "DECIDED")
+"""How runs end that would have gone no further, or of which no more was asked."""
 MOST_LOSS = 5
 """Samples named that make most of the expected loss."""
 
@@ -169,7 +171,7 @@ def consequences_of(campaign: Campaign, estimate: Estimate, refined: Rows, slide
     broke_off = rows["broke_off"].astype(bool)
     cut = CutOff(
         of=broke_off.size,
-        at_t_end=int(np.sum((rows["status"] == "FINISHED") & ~broke_off)),
+        at_t_end=int(np.sum(~np.isin(rows["status"], AT_REST) & ~broke_off)),
         broke_off=int(broke_off.sum()),
         t_end=run.last("refined"),
     )

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -26,7 +27,16 @@ from cooperative.folder import read_results
 from cooperative.reporting import progress_of, report, words
 from cooperative.runs import _samples
 from cooperative.scene import parse
-from cooperative.store import SLIDES, open_store, read_rows, read_sample, read_store, restart_path
+from cooperative.store import (
+    SLIDES,
+    FinishedRun,
+    open_store,
+    read_rows,
+    read_sample,
+    read_store,
+    restart_path,
+    write_sample,
+)
 from tests.cooperative.campaign.test_campaign import TINY
 
 SCENE = TINY.replace("k_t = 2", "k_t = 4")
@@ -272,6 +282,29 @@ def test_slides_that_lost_their_restart_point_start_afresh(all_slides, tmp_path,
     with open_store(tmp_path, asked(2)) as store, open_store(folder, SCENE) as other:
         for number in read_rows(store, SLIDES).numbers:
             assert read_sample(store, "refined", number).row == read_sample(other, "refined", number).row
+
+
+def test_a_slide_that_breaks_off_as_it_goes_on_keeps_what_it_did_before(tmp_path):
+    row = {"displacement": 4.0, "broke_off": False, "runout": 3.0, "time": 4.0}
+    before = FinishedRun(2, "FINISHED", 100, 1.0, np.zeros(2), row, {"displacement": np.ones((2, 5), np.float32)})
+    after = FinishedRun(2, "NOT_FINITE", 160, 2.0, np.zeros(2), {"displacement": 9.0, "broke_off": True, "time": 6.4})
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "refined", before)
+        runner = SimpleNamespace(
+            campaign=SimpleNamespace(run=SimpleNamespace(last=lambda _: 40.0)),
+            store=store,
+            bar=lambda *_: nullcontext(SimpleNamespace(update=lambda: None)),
+            samples=lambda *_, slides: iter([after]),
+        )
+        refined = read_rows(store, "refined")
+        slides = SimpleNamespace(slid=np.array([True]))
+        campaign._slide_longer(runner, SimpleNamespace(coefficients=None), refined, slides)
+        kept = read_sample(store, "refined", 2)
+        assert (kept.status, kept.row, kept.seconds) == ("NOT_FINITE", row, 2.0)
+        np.testing.assert_array_equal(kept.fields["displacement"], before.fields["displacement"])
+        # Its measures are least values, and it does not go on again.
+        rows = read_rows(store, "refined")
+        assert rows.columns["status"].tolist() == ["NOT_FINITE"]
 
 
 def test_restart_points_that_wait_for_the_draw_are_no_more_than_twice_the_slides(tmp_path):
