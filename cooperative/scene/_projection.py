@@ -15,8 +15,12 @@ from jaxmpm.support.text import shown
 if TYPE_CHECKING:
     from pyproj import CRS
 
+NAME = re.compile(r"[\w /.()-]{1,200}")
+"""A name of a coordinate system, as EPSG has them."""
 MOST_TEXT = 20_000
 """Characters of a coordinate system as text."""
+NAMES = {"rd": 28992, "rd new": 28992, "osgb": 27700, "osgb36": 27700, "bng": 27700, "british national grid": 27700}
+"""EPSG codes of what national files call their coordinate system."""
 DATUMS = ("datum", "ellps", "a", "b", "rf", "towgs84", "nadgrids", "no_defs", "type", "wktext")
 """Of the numbers of a coordinate system, those of its datum."""
 
@@ -26,7 +30,7 @@ def refuse_unmetric(where: str, given: str) -> None:
 
     Args:
         where: the file, for the message.
-        given: its coordinate system as WKT, or "EPSG:" and a number.
+        given: its coordinate system as WKT, or "EPSG:" and a number, or its name.
 
     Raises:
         ValueError: it is in degrees, feet or metres of a map of the whole world, or is not known.
@@ -80,7 +84,11 @@ def _in_plan(where: str, given: str) -> CRS:
             raise ValueError
         # An extension holds parameters of PROJ, some of which name files.
         text = re.sub(r',\s*EXTENSION\["[^"]*","[^"]*"\]', "", given)
-        crs = pyproj.CRS.from_epsg(int(code[1])) if code else pyproj.CRS.from_wkt(text)
+        if number := NAMES.get(given.lower(), code and int(code[1])):
+            crs = pyproj.CRS.from_epsg(number)
+        else:
+            # No name of a coordinate system has the signs of PROJ's own words.
+            crs = pyproj.CRS.from_user_input(text) if NAME.fullmatch(text) else pyproj.CRS.from_wkt(text)
         while crs.is_bound or crs.is_compound:
             crs = crs.source_crs if crs.is_bound else crs.sub_crs_list[0]
     except (ValueError, pyproj.exceptions.CRSError) as error:

@@ -23,6 +23,7 @@ from cooperative.laboratory import (
     one_text,
     read_columns,
 )
+from cooperative.scene import compare_projections
 from cooperative.tools.soundings._dutch import read_bro, read_gef
 from cooperative.tools.soundings._sounding import Sounding, SoundingRecord, one_number, sounding_of
 from jaxmpm.support import check
@@ -118,12 +119,17 @@ def _check_together(soundings: list[Sounding]) -> None:
 def _check_positions(soundings: Sequence[Sounding], measured: Sequence[PointValues]) -> None:
     """Raise SiteError for positions of several systems, that were never set, or far from all others."""
     every: list[Sounding | PointValues] = [*soundings, *measured]
-    systems = {record.projection: record for record in every if record.projection is not None}
-    if len(systems) > 1:
-        (one, first), (two, second) = list(systems.items())[:2]
-        raise SiteError(
-            f"{first.file} has positions in {one} and {second.file} in {two}: convert them to one coordinate system"
-        )
+    systems = {record.projection: record.file for record in every if record.projection is not None}
+    (one, first), *later = systems.items() or [("", "")]
+    for two, second in later:
+        try:
+            remark = compare_projections(second, two, first, one)
+        except ValueError as error:
+            raise SiteError(
+                f"{first} has positions in {one} and {second} in {two}: convert them to one coordinate system ({error})"
+            ) from error
+        if remark is not None:
+            check.warn(remark)
     places = [
         (record.file, record.projection, np.array([np.atleast_1d(record.x), np.atleast_1d(record.y)]))
         for record in every

@@ -401,3 +401,18 @@ def test_damaged_files_are_read_or_refused_by_name(tmp_path, data, kind):
         assert np.isfinite(each.depth).all()
         assert (np.diff(each.depth) > 0).all()
         assert (np.nan_to_num(each.cone) >= 0).all()
+
+
+def test_one_coordinate_system_may_have_several_names(tmp_path):
+    pytest.importorskip("pyproj")
+    coded = as_gef(tmp_path / "coded.gef", log())
+    (first,), _ = read_files([coded])
+    table = "projection,name,x [m],y [m],top [m],depth [m],qc [MPa]\n{0},B,{1},{2},2,1,1\n{0},B,{1},{2},2,2,1\n"
+    named = tmp_path / "named.csv"
+    for name in ("RD", "RD New", "Amersfoort / RD New"):
+        named.write_text(table.format(name, first.x + 30, first.y))
+        assert [sounding.projection for sounding in read_files([coded, named])[0]] == [RD, name]
+    for name in ("EPSG:32631", "OSGB", "WGS 84 / UTM zone 31N", "the pond's corner"):
+        named.write_text(table.format(name, first.x + 30, first.y))
+        with pytest.raises(SiteError, match=f"positions in EPSG:28992 and .* in {name}: convert them to one"):
+            read_files([coded, named])
