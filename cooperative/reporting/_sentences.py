@@ -158,15 +158,16 @@ def at_risk(summary: Summary) -> Iterator[str]:
         chance, ends = element.reached.probability, element.reached.interval
         text = f"{name} is reached with probability {at_least(chance, element.reached.at_least)} ({limits(ends)})"
         if often is not None:
-            text += f", {number(annual(chance, often))} a year"
+            yearly = [annual(limit, often) for limit in ends]
+            text += f", {at_least(annual(chance, often), element.reached.at_least)} a year ({limits(yearly)})"
         if (loss := element.loss) is not None:
             text += (
                 f"; of its value {number(loss.value)} the expected loss is {at_least(loss.expected, loss.at_least)} "
                 f"({limits(loss.interval)})"
             )
             if often is not None:
-                yearly = at_least(often * loss.expected, loss.at_least)
-                text += f"; {yearly} a year ({limits([often * limit for limit in loss.interval])})"
+                yearly = [often * limit for limit in loss.interval]
+                text += f"; {at_least(often * loss.expected, loss.at_least)} a year ({limits(yearly)})"
         if element.carried.probability:
             carried = element.carried
             text += (

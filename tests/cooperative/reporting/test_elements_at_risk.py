@@ -41,9 +41,9 @@ def test_elements_at_risk_have_probability_and_loss_with_their_limits():
 
 def test_a_frequency_makes_them_annual():
     road, house, _ = sentences.at_risk(summary(0.01))
-    assert "0.001 a year; of its value" in road
+    assert "0.001 a year (0.0004 to 0.002); of its value" in road
     assert road.endswith("; 0.5 a year (0.1 to 1.2)")
-    assert ", 0 a year; its own ground" in house
+    assert ", 0 a year (at most 0.0005); its own ground" in house
     assert "annual probability of 0.002 (0.001 to 0.003)" in sentences.condition(summary(0.01))
     assert parse(TINY + "annual_frequency = 0.01\n").plan.annual_frequency == 0.01
     with pytest.raises(ValueError, match="annual_frequency = 0"):
