@@ -214,7 +214,7 @@ def by_subset(problem: Problem, pf: float, seed: int, *, scale: float) -> Answer
         samples.rough_displacement, weight=samples.weight, replicate=samples.replicate, chains=samples.chains
     )
     failed = dict(enumerate((problem(samples.coefficients) < 0).tolist()))
-    answer = two_phase(population, failed, AuditPlan(runs=200, seed=seed, growth=0.5, proving=0))
+    answer = two_phase(population, failed, AuditPlan(runs=200, seed=seed, growth=0.5, exploration=0))
     return _answer(answer, samples.rough_runs + answer.refined_runs)
 
 

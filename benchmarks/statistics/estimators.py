@@ -34,7 +34,7 @@ campaign's usual number runs refined, and with good ranks and ranks that go agai
 `coverage_without_failures_min` is the least coverage of the interval. Where no refined run fails, or all do, what the
 interval leaves open stands over the one-sided binomial limit of as many refined runs,
 `upper_without_failures_over_binomial_max`. No interval that holds whatever the ranks are worth can be narrower than
-that (`cooperative.estimate._alike`); the limit of all N samples is a fifth of it.
+that (`cooperative.estimate._one_outcome`); the limit of all N samples is a fifth of it.
 
 Subset simulation goes down 2 to 7 levels to a P_f of as many powers of ten, with 10 and 50 chains in each of 8
 replicates: `coverage_subset_min` and `coverage_subset_max` are over all twelve.

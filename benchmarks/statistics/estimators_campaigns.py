@@ -158,7 +158,7 @@ def _subset(case: Case, seed: int) -> tuple[Estimate, int]:
     population = Population(
         samples.rough_displacement, weight=samples.weight, replicate=samples.replicate, chains=samples.chains
     )
-    plan = AuditPlan(runs=case.runs, seed=seed, growth=0.5, proving=0)
+    plan = AuditPlan(runs=case.runs, seed=seed, growth=0.5, exploration=0)
     answer = two_phase(population, dict(enumerate(failed.tolist())), plan)
     return answer, samples.rough_runs
 

@@ -16,13 +16,13 @@ That spread knows only of failures that were drawn. Where the ranking is bad, mo
 none, and a few draws down there may well miss them all: the estimate is then low half of the time, and its spread is
 small just then. Two things guard against it, and neither relies on the ranks:
 
-- A share of every wave is drawn evenly over all that is unknown. It is `proving` / (`proving` + draws so far), so the
-  first wave is even and the ranks are followed more closely as they prove themselves. Ranks prove nothing while all
-  runs end alike: the share is then two thirds at least. It stays at a half or more where more failures turn up among
-  draws to which the model gave less than 5 % than a Poisson count of its own mean would bring once in 20 times
+- A share of every wave is drawn evenly over all that is unknown. It is `exploration` / (`exploration` + draws so far),
+  so the first wave is even and the ranks are followed more closely as they prove themselves. Ranks prove nothing while
+  all runs end alike: the share is then two thirds at least. It stays at a half or more where more failures turn up
+  among draws to which the model gave less than 5 % than a Poisson count of its own mean would bring once in 20 times
   (`surprise`).
-- What may still be hidden below the lowest failure seen has an upper limit (`unseen`). If failures of weight s lie
-  there at any ranks whatever, no draw meets them with a probability of at most
+- What may still be hidden below the lowest failure seen has an upper limit (`hidden_limit`). If failures of weight s
+  lie there at any ranks whatever, no draw meets them with a probability of at most
 
       product over draws of (1 - s min(q / w)) <= exp(-s m),   m = sum over draws of min(q / w),
 
@@ -62,9 +62,9 @@ class AuditPlan:
         first_wave: a wave has the larger of `first_wave` runs and the share `growth` of those before.
         growth: a wave has the larger of `first_wave` runs and the share `growth` of those before.
         floor: least share of even draws, which keeps the estimate unbiased whatever the model.
-        proving: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all that
-            is unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then holds no
-            allowance for what was not seen.
+        exploration: the ranks prove themselves in so many draws: after them the share of draws spread evenly over all
+            that is unknown has come down from 1 to a half. 0 trusts the ranks from the start, and the interval then has
+            no allowance for what was not seen.
     """
 
     runs: int
@@ -74,7 +74,7 @@ class AuditPlan:
     first_wave: int = 8
     growth: float = 0.25
     floor: float = 0.05
-    proving: int = 12
+    exploration: int = 12
 
     def wave(self, drawn: int) -> int:
         """Size of the wave that follows `drawn` runs of the audit."""
@@ -162,8 +162,8 @@ def check_plan(plan: AuditPlan) -> None:
         raise ValueError(f"runs = {plan.runs}, first_wave = {plan.first_wave}: an audit needs at least 2 of each")
     if not 0 < plan.floor <= 1:
         raise ValueError(f"floor = {plan.floor} is not in (0, 1]: at 0 some samples could never be drawn")
-    if plan.proving < 0:
-        raise ValueError(f"proving = {plan.proving} is negative: give 0 to trust the ranks from the start")
+    if plan.exploration < 0:
+        raise ValueError(f"exploration = {plan.exploration} is negative: give 0 to trust the ranks from the start")
     if plan.growth < 0:
         raise ValueError(f"growth = {plan.growth} is negative: give 0 for waves of equal size")
     if plan.target_cov is not None and not plan.target_cov > 0:
@@ -220,20 +220,20 @@ def draw_wave(
     """
     unknown = np.flatnonzero(~known)
     doubt = weight * np.sqrt(model * (1 - model)) if doubt is None else doubt
-    share = (1 - floor) * doubt[unknown] / doubt[unknown].sum() + floor / unknown.size
+    probability = (1 - floor) * doubt[unknown] / doubt[unknown].sum() + floor / unknown.size
     # Exponential arrival times with these rates come in the order of successive draws.
     if order is None:
-        arrival = generator.exponential(size=unknown.size) / share
+        arrival = generator.exponential(size=unknown.size) / probability
     else:
-        arrival = generator.exponential(size=order.size)[order][unknown] / share
+        arrival = generator.exponential(size=order.size)[order][unknown] / probability
     size = min(size, unknown.size)
     first = np.argpartition(arrival, size - 1)[:size]
     first = first[np.argsort(arrival[first])]
-    never = 1.0 - share[first].sum() if size < unknown.size else 0.0
-    remaining = never + np.cumsum(share[first][::-1])[::-1]
+    never = 1.0 - probability[first].sum() if size < unknown.size else 0.0
+    remaining = never + np.cumsum(probability[first][::-1])[::-1]
     chance = np.zeros(known.size)
-    chance[unknown] = share
-    return Wave(unknown[first], share[first] / remaining, chance, model, floor)
+    chance[unknown] = probability
+    return Wave(unknown[first], probability[first] / remaining, chance, model, floor)
 
 
 def surprise(waves: Sequence[Wave], outcome: np.ndarray) -> Surprise:
@@ -283,18 +283,20 @@ def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray, *, s
         outcome: 0, 1 or nan by rank (N,).
         shared: whether other campaigns make the same draws, which do not depend on the outcome of one.
     """
-    if plan.proving == 0:
+    if plan.exploration == 0:
         return plan.floor
     count = sum(wave.ranks.size for wave in waves)
-    share = plan.proving / (plan.proving + count)
+    even = plan.exploration / (plan.exploration + count)
     if shared:
-        return max(share, plan.floor)
+        return max(even, plan.floor)
     if not ((outcome == 0).any() and (outcome == 1).any()):
-        return max(share, UNPROVEN)
-    return max(share, 0.5 if surprise(waves, outcome).misled else plan.floor)
+        return max(even, UNPROVEN)
+    return max(even, 0.5 if surprise(waves, outcome).misled else plan.floor)
 
 
-def unseen(waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, weight: np.ndarray, level: float) -> float:
+def hidden_limit(
+    waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, weight: np.ndarray, level: float
+) -> float:
     """Upper limit, at confidence `level`, of the weight of failures below the lowest one seen.
 
     Args:
@@ -330,17 +332,17 @@ def draw_variance(wave: Wave, model: np.ndarray, weight: np.ndarray) -> float:
     return float((weight[open_] ** 2 * (p * (1 - p) + (p - expected) ** 2) * (1 / wave.chance[open_] - 1)).sum())
 
 
-def model_variance(waves: Sequence[Wave], share: np.ndarray, *, model: np.ndarray, weight: np.ndarray) -> float:
+def model_variance(waves: Sequence[Wave], draw_weight: np.ndarray, *, model: np.ndarray, weight: np.ndarray) -> float:
     """Variance that a model expects of the draws, which does not vanish when they happen to meet no failure.
 
     Args:
         waves: complete ones, in order.
-        share: of each draw in the mean (draws,), in proportion.
+        draw_weight: of each draw in the mean (draws,), in proportion.
         model: probability of failure of each sample (N,).
         weight: share of all samples (N,).
     """
     firsts = np.cumsum([0, *(wave.ranks.size for wave in waves)])[:-1]
-    squares = np.add.reduceat(share**2, firsts) / share.sum() ** 2
+    squares = np.add.reduceat(draw_weight**2, firsts) / draw_weight.sum() ** 2
     return float(squares @ [draw_variance(wave, model, weight) for wave in waves])
 
 
@@ -351,7 +353,7 @@ def audit_total(
     *,
     weight: np.ndarray,
     model: np.ndarray,
-    share: np.ndarray,
+    draw_weight: np.ndarray,
     group: np.ndarray | None = None,
 ) -> AuditTotal:
     """The ordered estimate from complete waves.
@@ -363,13 +365,13 @@ def audit_total(
         certain: ranks known without a draw.
         weight: (N,).
         model: failure probability from all results (N,).
-        share: of each draw in the mean (draws,), in proportion.
+        draw_weight: of each draw in the mean (draws,), in proportion.
         group: of each rank, 0 to G - 1 (N,).
     """
     group = np.zeros(weight.size, dtype=int) if group is None else group
     groups = int(group.max()) + 1
-    count = share.size
-    share = share / max(float(share.sum()), np.finfo(float).tiny)
+    count = draw_weight.size
+    draw_weight = draw_weight / max(float(draw_weight.sum()), np.finfo(float).tiny)
     value, seen = np.zeros(weight.size), np.zeros(weight.size, dtype=bool)
     seen[certain] = True
     value[certain] = np.where(np.isnan(outcome[certain]), model[certain], outcome[certain])
@@ -378,7 +380,7 @@ def audit_total(
     at = 0
     for wave in waves:
         ranks = wave.ranks
-        section = share[at : at + ranks.size]
+        section = draw_weight[at : at + ranks.size]
         answers = np.where(np.isnan(outcome[ranks]), wave.model[ranks], outcome[ranks])
         residual = weight[ranks] * (answers - wave.model[ranks])
         before = np.bincount(group, weight * np.where(seen, value, wave.model), groups)
@@ -395,12 +397,12 @@ def audit_total(
         by_group = np.bincount(group, weight * np.where(seen, value, model), groups)
         exact = 0.0 if seen.all() else np.nan
         return AuditTotal(float(by_group.sum()), exact, np.inf if seen.all() else 0.0, 1.0, by_group)
-    total = float(share @ totals)
-    squares = (share * (totals - total)) ** 2
+    total = float(draw_weight @ totals)
+    squares = (draw_weight * (totals - total)) ** 2
     spread = float(squares.sum())
     return AuditTotal(
         total=total,
-        variance=spread / (1 - float(share @ share)),
+        variance=spread / (1 - float(draw_weight @ draw_weight)),
         effective_draws=spread**2 / float(squares @ squares) if spread > 0 else float(count),
         beyond=float(np.mean((totals - total) ** 2 / np.where(foreseen > 0, foreseen, np.inf))),
         by_group=by_group,

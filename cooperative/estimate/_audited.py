@@ -41,16 +41,16 @@ class Audited(Budgeted):
     """
 
     growth: ClassVar[float] = AuditPlan.growth
-    proving: ClassVar[int] = AuditPlan.proving
+    exploration: ClassVar[int] = AuditPlan.exploration
     seed: int = field(default=0, kw_only=True)
 
     def audit(self, population: Population) -> AuditPlan:
         """Budget and waves of the refined runs; no ranked prefix, which costs more than it brings."""
         if population.shared is not None and population.shared.runs is not None:
-            return AuditPlan(population.shared.runs, self.seed, growth=self.growth, proving=self.proving)
+            return AuditPlan(population.shared.runs, self.seed, growth=self.growth, exploration=self.exploration)
         return AuditPlan(
             self.budget(population.size), self.seed, target_cov=self.target_cov, growth=self.growth,
-            proving=self.proving,
+            exploration=self.exploration,
         )  # fmt: skip
 
     def next_runs(self, population: Population, answers: Answers, lanes: int, under_way: Collection[int]) -> list[int]:
@@ -142,7 +142,7 @@ class Subset(Audited):
     replicates: int | None = None
     growth: ClassVar[float] = 0.5
     # No affordable number of even draws rules out a rare failure, so the ranks are trusted, as the levels trust them.
-    proving: ClassVar[int] = 0
+    exploration: ClassVar[int] = 0
 
     def plan(self, sampling: Sampling) -> SubsetPlan:
         """Subset simulation with these settings."""

@@ -33,8 +33,8 @@ class Estimate:
         level: confidence level of the intervals.
         notes: what a reader must know, in words.
         audit_variance: the part of the estimator's variance that more refined runs of the same samples would reduce.
-        unseen: what samples that were not looked at may add to P_f, at `level`, which `interval` allows for above and
-            `cov` does not.
+        hidden_limit: what samples that were not looked at may add to P_f, at `level`, which `interval` allows for above
+            and `cov` does not.
         sampling_interval: limits without that allowance, None where there is none.
         freedom: degrees of freedom of `cov`.
     """
@@ -47,7 +47,7 @@ class Estimate:
     level: float = 0.95
     notes: tuple[str, ...] = ()
     audit_variance: float = 0.0
-    unseen: float = 0.0
+    hidden_limit: float = 0.0
     sampling_interval: tuple[float, float] | None = None
     freedom: float = np.inf
 
@@ -62,7 +62,7 @@ def with_variance(
     audit_variance: float = 0.0,
     level: float = 0.95,
     notes: tuple[str, ...] = (),
-    unseen: float | None = None,
+    hidden_limit: float | None = None,
     independent: float = np.inf,
     failed: float = np.inf,
     stand: float = np.inf,
@@ -82,8 +82,8 @@ def with_variance(
         audit_variance: part of the variance that more refined runs would reduce.
         level: confidence level of the interval.
         notes: what a reader must know, in sentences.
-        unseen: upper limit of what was not seen, an independent part of P_f that the estimate takes for 0; it widens
-            the interval upwards by squares, as `cooperative.estimate._audit` explains. None for no such part.
+        hidden_limit: upper limit of what was not seen, an independent part of P_f that the estimate takes for 0; it
+            widens the interval upwards by squares, as `cooperative.estimate._audit` explains. None for no such part.
         independent: samples that there are: however little varies among them, none of 10 failing leaves P_f open to
             0.26.
         failed: runs seen to fail; fewer than `RARE` show no more than so many independent failures would.
@@ -91,27 +91,37 @@ def with_variance(
         skewed: whether the estimate is a product of several factors, whose logarithm is nearer to normal.
     """
     # Ten weights of 0.1 add up to 1 - 1e-16.
-    share = 1.0 if probability > 1 - 1e-12 else max(probability, 0.0)
-    cov = float(np.sqrt(variance) / share) if share > 0 else float("inf")
+    proportion = 1.0 if probability > 1 - 1e-12 else max(probability, 0.0)
+    cov = float(np.sqrt(variance) / proportion) if proportion > 0 else float("inf")
     among = independent
     if variance > 0:
         # At 0 or 1 one standard error away stands for P_f in the binomial variance.
-        typical = share if 0 < share < 1 else min(float(np.sqrt(variance)), 0.5)
+        typical = proportion if 0 < proportion < 1 else min(float(np.sqrt(variance)), 0.5)
         independent = min(typical * (1 - typical) / variance, independent)
-    interval, sampling = (share, share), None
+    interval, sampling = (proportion, proportion), None
     if np.isfinite(independent):
         interval = count_interval(
-            share * independent, independent, level, freedom=freedom, failed=failed, stand=stand, among=among
+            proportion * independent, independent, level, freedom=freedom, failed=failed, stand=stand, among=among
         )
-    if skewed and 0 < share < 1 and variance > 0:
-        low, high = lognormal_limits(share, cov, freedom, level)
+    if skewed and 0 < proportion < 1 and variance > 0:
+        low, high = lognormal_limits(proportion, cov, freedom, level)
         # Of few failures the number bounds P_f, too.
         interval = (min(low, interval[0]) if failed < RARE else low, min(high, 1.0))
-    if unseen is not None:
+    if hidden_limit is not None:
         sampling, (low, high) = interval, interval
-        interval = (low, min(share + float(np.hypot(high - share, unseen)), 1.0))
+        interval = (low, min(proportion + float(np.hypot(high - proportion, hidden_limit)), 1.0))
     return Estimate(
-        share, interval, cov, refined_runs, method, level, notes, audit_variance, unseen or 0.0, sampling, freedom
+        proportion,
+        interval,
+        cov,
+        refined_runs,
+        method,
+        level,
+        notes,
+        audit_variance,
+        hidden_limit or 0.0,
+        sampling,
+        freedom,
     )
 
 
@@ -126,10 +136,10 @@ def binomial(
     audit_variance: float = 0.0,
 ) -> Estimate:
     """The share of failures among independent samples, with its `count_interval`; both may be fractional."""
-    share = failures / samples
-    cov = float(np.sqrt((1 - share) / failures)) if failures else float("inf")
+    proportion = failures / samples
+    cov = float(np.sqrt((1 - proportion) / failures)) if failures else float("inf")
     interval = count_interval(failures, samples, level)
-    return Estimate(share, interval, cov, refined_runs, method, level, notes, audit_variance)
+    return Estimate(proportion, interval, cov, refined_runs, method, level, notes, audit_variance)
 
 
 def after_more_runs(estimate: Estimate, more: int = 50, *, samples: float = np.inf) -> float:
@@ -182,8 +192,8 @@ def wilson_interval(
         raise ValueError(f"{failures} failures among {samples} samples: give 0 <= failures <= samples and samples > 0")
     if not 0 < level < 1:
         raise ValueError(f"level = {level} is not between 0 and 1: give for example 0.95")
-    share, freedom = np.array(failures / samples), max(freedom, 1.0)
-    low, high = wilson_limits(share, np.array(samples), np.array(freedom), level)
+    proportion, freedom = np.array(failures / samples), max(freedom, 1.0)
+    low, high = wilson_limits(proportion, np.array(samples), np.array(freedom), level)
     return float(low), float(high)
 
 
@@ -225,36 +235,36 @@ def count_interval(
         among: samples that these runs are of. So many failures among them bound P_f from below, however they were met.
     """
     low, high = wilson_interval(failures, samples, level, freedom=freedom)
-    share, seen = failures / samples, (failed, stand)
+    proportion, seen = failures / samples, (failed, stand)
     failed, stand = min(failed, failures), min(stand, samples - failures)
-    if share == 0:
+    if proportion == 0:
         return 0.0, exact_limit(samples, level)
-    if share == 1:
+    if proportion == 1:
         return 1 - exact_limit(samples, level), 1.0
     tail = 0.5 - level / 2
     if 0 < failed < RARE:
-        low = min(low, float(betaincinv(failed, failed / share - failed + 1, tail)))
+        low = min(low, float(betaincinv(failed, failed / proportion - failed + 1, tail)))
     if 0 < stand < RARE:
-        high = max(high, float(betainccinv(stand / (1 - share) - stand + 1, stand, tail)))
+        high = max(high, float(betainccinv(stand / (1 - proportion) - stand + 1, stand, tail)))
     # The seen ones are failures for certain, whatever the estimate makes of their weights.
     if 0 < seen[0] < RARE and among < np.inf:
-        low = min(max(low, float(betaincinv(seen[0], among - seen[0] + 1, tail))), share)
+        low = min(max(low, float(betaincinv(seen[0], among - seen[0] + 1, tail))), proportion)
     if 0 < seen[1] < RARE and among < np.inf:
-        high = max(min(high, float(betainccinv(among - seen[1] + 1, seen[1], tail))), share)
+        high = max(min(high, float(betainccinv(among - seen[1] + 1, seen[1], tail))), proportion)
     return low, high
 
 
 def wilson_limits(
-    share: np.ndarray, samples: np.ndarray, freedom: np.ndarray, level: float
+    proportion: np.ndarray, samples: np.ndarray, freedom: np.ndarray, level: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wilson's limits of many shares at once."""
     z = quantile(level, freedom)
     step = z**2 / samples
-    centre = (share + step / 2) / (1 + step)
-    half = z / (1 + step) * np.sqrt(share * (1 - share) / samples + step / (4 * samples))
+    centre = (proportion + step / 2) / (1 + step)
+    half = z / (1 + step) * np.sqrt(proportion * (1 - proportion) / samples + step / (4 * samples))
     # At the ends the limit is exactly 0 or 1; rounding must not put it beyond.
-    low = np.where(share == 0, 0.0, np.maximum(centre - half, 0.0))
-    return low, np.where(share == 1, 1.0, np.minimum(centre + half, 1.0))
+    low = np.where(proportion == 0, 0.0, np.maximum(centre - half, 0.0))
+    return low, np.where(proportion == 1, 1.0, np.minimum(centre + half, 1.0))
 
 
 def lognormal_limits(mean: float, cov: float, freedom: float, level: float) -> tuple[float, float]:
@@ -349,12 +359,12 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
         of how they scatter.
     """
     values, weight = np.asarray(values, float), np.asarray(weight, float)
-    share = weight / weight.sum()
-    mean = float(share @ values)
+    normalised = weight / weight.sum()
+    mean = float(normalised @ values)
     if too_few(weight) or not mean > 0 or float(np.ptp(values)) <= ALIKE * mean:
         return None
     # Relative to the mean, so that no square leaves the range of floating point.
-    parts = (share * (values / mean - 1) / np.maximum(1 - share, MOST_LEVERAGE)) ** 2
+    parts = (normalised * (values / mean - 1) / np.maximum(1 - normalised, MOST_LEVERAGE)) ** 2
     variance = float(parts.sum())
     freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
     half = float(stdtrit(freedom, 0.5 + level / 2)) * np.sqrt(variance)

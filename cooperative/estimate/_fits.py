@@ -118,13 +118,13 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
     values = np.asarray(values, dtype=float)
     if values.ndim != 1 or not np.isfinite(values).all():
         raise ValueError(f"values of shape {values.shape}, some not finite: give one finite number per sample")
-    share = np.ones(values.shape) if weight is None else np.asarray(weight, dtype=float)
-    if share.shape != values.shape or not (share > 0).all():
+    frequency = np.ones(values.shape) if weight is None else np.asarray(weight, dtype=float)
+    if frequency.shape != values.shape or not (frequency > 0).all():
         raise ValueError(
-            f"weight of shape {share.shape}, smallest {share.min(initial=np.inf):g}: give one above 0 each"
+            f"weight of shape {frequency.shape}, smallest {frequency.min(initial=np.inf):g}: give one above 0 each"
         )
-    size = effective_size(share)
-    share = share * size / share.sum() if values.size else share
+    size = effective_size(frequency)
+    frequency = frequency * size / frequency.sum() if values.size else frequency
     distinct = np.unique(values).size
     if values.size < FITTED or distinct < 2:
         few = f"{values.size} samples, {distinct} of them distinct, are too few for a fit: it takes {FITTED}"
@@ -133,7 +133,7 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
 
     notes, least = [], values.min()
     if size < ENOUGH:
-        worth = "" if np.ptp(share) == 0 else f", worth {size:.3g} of equal weight,"
+        worth = "" if np.ptp(frequency) == 0 else f", worth {size:.3g} of equal weight,"
         notes.append(f"{values.size} samples{worth} are too few to tell distributions apart: {ENOUGH} or more would do")
     left_out = [name for name, candidate in CANDIDATES.items() if candidate.positive and least <= 0]
     notes += [f"{name} is for positive values; the smallest is {least:.3g}" for name in left_out]
@@ -142,7 +142,7 @@ def fit_distributions(values: np.ndarray, weight: np.ndarray | None = None) -> F
         if name in left_out:
             continue
         try:
-            fits.append(_fit(name, candidate, values, share))
+            fits.append(_fit(name, candidate, values, frequency))
         except (FitError, ValueError, ArithmeticError) as error:
             notes.append(f"{name} does not fit values from {least:.3g} to {values.max():.3g} ({error})")
     if not fits:
@@ -205,10 +205,10 @@ def severity_ranking(
         values = np.asarray(group, dtype=float)
         if values.size == 0:
             raise ValueError(f"group {name!r} is empty: leave it out")
-        share = None if weights is None else np.asarray(weights[name]) / np.sum(weights[name])
-        resampled.append(statistic(generator.choice(values, (resamples, values.size), p=share), axis=1))
+        normalised = None if weights is None else np.asarray(weights[name]) / np.sum(weights[name])
+        resampled.append(statistic(generator.choice(values, (resamples, values.size), p=normalised), axis=1))
         # A weighted statistic is that of a resample large enough not to scatter.
-        whole = values if share is None else generator.choice(values, 100_000, p=share)
+        whole = values if normalised is None else generator.choice(values, 100_000, p=normalised)
         middles.append(float(statistic(whole, axis=0)))
     draws, names, tails = np.stack(resampled), list(groups), (0.5 - level / 2, 0.5 + level / 2)
     ranks = 1 + np.argsort(np.argsort(-draws, axis=0, kind="stable"), axis=0)

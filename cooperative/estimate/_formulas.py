@@ -51,8 +51,8 @@ def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.
         0.1
     """
     failed = as_answers(failed)
-    share = float(failed.mean())
-    remaining = share * (1 - share) * (1 / failed.size - 1 / samples)
+    proportion = float(failed.mean())
+    remaining = proportion * (1 - proportion) * (1 / failed.size - 1 / samples)
     return binomial(MONTE_CARLO, int(failed.sum()), failed.size, failed.size, level=level, audit_variance=remaining)
 
 
@@ -138,10 +138,10 @@ def control_variate(
         residual[in_fold] = failed[in_fold] - predict_logistic(model, score[runs[in_fold]], centre)
         predicted += in_fold.mean() * predict_logistic(model, score, centre).mean()
     probability = predicted + float(residual.mean())
-    share = min(max(probability, 0.0), 1.0)
+    proportion = min(max(probability, 0.0), 1.0)
     spread = float(residual.var(ddof=1)) * (1 / runs.size - 1 / count)
     estimate = with_variance(
-        CONTROL_VARIATE, probability, share * (1 - share) / count + spread, runs.size,
+        CONTROL_VARIATE, probability, proportion * (1 - proportion) / count + spread, runs.size,
         freedom=runs.size - 1, audit_variance=spread, level=level,
     )  # fmt: skip
     if min(failed.sum(), (1 - failed).sum()) >= RARE:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cooperative.estimate._estimates import RARE, Estimate, binomial, count_interval, with_variance
-from cooperative.estimate._twophase import PRIOR_DRAWS, SPENT, target_share
+from cooperative.estimate._twophase import PRIOR_DRAWS, SPENT, target_weights
 
 Control = Callable[[np.ndarray], np.ndarray]
 """Outcomes of the first samples (n,), nan without an answer -> probability of failure of each sample (N,)."""
@@ -31,13 +31,13 @@ class Ordered:
     """What ran in order, to the last complete look.
 
     Args:
-        share: of each run in the estimate (n,), in proportion.
+        draw_weight: of each run in the estimate (n,), in proportion.
         each: what each run alone would estimate (n,).
         to_run: samples that are to have run by the next look; as many as there are shares where the target is met or
             the budget spent.
     """
 
-    share: np.ndarray
+    draw_weight: np.ndarray
     each: np.ndarray
     to_run: int
 
@@ -56,36 +56,39 @@ def in_order(
         control: of each sample by earlier outcomes, None for nothing.
         look: runs between looks.
     """
-    share, answers = np.zeros(0), np.zeros(0)
+    draw_weight, answers = np.zeros(0), np.zeros(0)
     while True:
-        runs, rest = share.size, 1.0 - float(share.sum())
+        runs, rest = draw_weight.size, 1.0 - float(draw_weight.sum())
         if rest <= SPENT:
-            return Ordered(share, answers, runs)
+            return Ordered(draw_weight, answers, runs)
         chance = _expected(outcome[:runs], samples, control)
-        needed = _needed(share, answers, outcome[:runs], chance, target, controlled=control is not None)
+        needed = _needed(draw_weight, answers, outcome[:runs], chance, target, controlled=control is not None)
         size = min(look, budget - runs)
-        fixed = target_share(needed, rest, drawn=runs, size=size, left=budget - runs, even=True)
+        fixed = target_weights(needed, rest, drawn=runs, size=size, left=budget - runs, even=True)
         now = slice(runs, runs + fixed.size)
         if outcome.size < now.stop:
-            return Ordered(share, answers, now.stop)
+            return Ordered(draw_weight, answers, now.stop)
         expected = np.zeros(samples) if control is None else chance
         answer = np.where(np.isnan(outcome[now]), chance[now], outcome[now])
-        share, answers = np.append(share, fixed), np.append(answers, answer - expected[now] + expected.mean())
+        draw_weight, answers = (
+            np.append(draw_weight, fixed),
+            np.append(answers, answer - expected[now] + expected.mean()),
+        )
 
 
 def ordered_estimate(
     method: str, outcome: np.ndarray, samples: int, ordered: Ordered, *, control: Control | None, level: float = 0.95
 ) -> Estimate:
     """The estimate from what ran in order, at least one look of it; see `in_order` for the arguments."""
-    runs = ordered.share.size
+    runs = ordered.draw_weight.size
     outcome = outcome[:runs]
     failed, stand = float(np.nansum(outcome)), float(np.nansum(1 - outcome))
     if min(failed, stand) == 0 or failed + stand == samples:
         return binomial(method, failed, max(failed + stand, 1.0), runs, level=level)
     chance = _expected(outcome, samples, control)
-    probability, variance = _scatter(ordered.share, ordered.each, chance)
-    share = min(max(probability, 0.0), 1.0)
-    of_samples = share * (1 - share) / samples
+    probability, variance = _scatter(ordered.draw_weight, ordered.each, chance)
+    proportion = min(max(probability, 0.0), 1.0)
+    of_samples = proportion * (1 - proportion) / samples
     # The controlled sum leaves the sampling of the population out, the plain one holds it.
     both = variance * (1 - runs / samples) + of_samples if control is not None else variance
     audit = max(both - of_samples, 0.0)
@@ -108,23 +111,29 @@ def _expected(outcome: np.ndarray, samples: int, control: Control | None) -> np.
     return np.full(samples, (answered.sum() + 2) / (answered.size + 4))
 
 
-def _scatter(share: np.ndarray, each: np.ndarray, chance: np.ndarray) -> tuple[float, float]:
+def _scatter(draw_weight: np.ndarray, each: np.ndarray, chance: np.ndarray) -> tuple[float, float]:
     """Mean of runs and its variance, that of few runs combined with what is expected of them."""
-    share = share / share.sum()
-    mean, squares = float(share @ each), float(share @ share)
-    spread = float(share**2 @ (each - mean) ** 2) / (1 - squares)
+    draw_weight = draw_weight / draw_weight.sum()
+    mean, squares = float(draw_weight @ each), float(draw_weight @ draw_weight)
+    spread = float(draw_weight**2 @ (each - mean) ** 2) / (1 - squares)
     expected = squares * float(np.mean(chance * (1 - chance)))
-    return mean, (share.size * spread + PRIOR_DRAWS * expected) / (share.size + PRIOR_DRAWS)
+    return mean, (draw_weight.size * spread + PRIOR_DRAWS * expected) / (draw_weight.size + PRIOR_DRAWS)
 
 
 def _needed(
-    share: np.ndarray, each: np.ndarray, outcome: np.ndarray, chance: np.ndarray, target: float, *, controlled: bool
+    draw_weight: np.ndarray,
+    each: np.ndarray,
+    outcome: np.ndarray,
+    chance: np.ndarray,
+    target: float,
+    *,
+    controlled: bool,
 ) -> float:
     """Share of a run for a target, by the runs before it; 0 where there are none, or none failed."""
     if not np.nansum(outcome):
         return 0.0
-    even = np.ones_like(share)
+    even = np.ones_like(draw_weight)
     mean, variance = _scatter(even, each, chance)
     probability = (min(max(mean, 0.0), 1.0) + float(chance.mean())) / 2
     sampling = probability * (1 - probability) / chance.size if controlled else 0.0
-    return max((target * probability) ** 2 - sampling, 0.0) / (variance * share.size)
+    return max((target * probability) ** 2 - sampling, 0.0) / (variance * draw_weight.size)

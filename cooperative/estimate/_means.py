@@ -67,16 +67,16 @@ def chance_of(estimate: Estimate, weight: np.ndarray, happens: np.ndarray) -> Ch
     Raises:
         ValueError: shapes that do not fit.
     """
-    share, does, shape = _by_slide(weight, happens)
-    if not share.size:
+    normalised, does, shape = _by_slide(weight, happens)
+    if not normalised.size:
         return Chances(np.zeros(shape), np.zeros(shape), np.full(shape, estimate.interval[1]), np.zeros(shape, int))
     probability, (least, most) = estimate.probability, estimate.sampling_interval or estimate.interval
-    ratio, low, high = _share_limits(share, does, estimate.level)
+    ratio, low, high = _share_limits(normalised, does, estimate.level)
     value = probability * ratio
     low = np.maximum(value - np.hypot(ratio * (probability - least), probability * (ratio - low)), 0.0)
     high = value + np.hypot(ratio * (most - probability), probability * (high - ratio))
     # What no slide did is what none of as many independent samples did, each as heavy as the heaviest slide.
-    heaviest = probability * float(share.max())
+    heaviest = probability * float(normalised.max())
     none = wilson_interval(0, 1 / heaviest, estimate.level)[1] if heaviest else estimate.interval[1]
     high = np.minimum(np.where(ratio == 0, none, high), estimate.interval[1])
     return Chances(*(values.reshape(shape) for values in (value, low, high, (does > 0).sum(axis=0))))
@@ -136,15 +136,17 @@ def mean_of(estimate: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chanc
     Raises:
         ValueError: shapes that do not fit and amounts below 0 or not finite.
     """
-    share, brings, shape = _by_slide(weight, amount)
+    normalised, brings, shape = _by_slide(weight, amount)
     _check_amounts(brings)
-    ratio, count = share @ brings, (brings > 0).sum(axis=0)
+    ratio, count = normalised @ brings, (brings > 0).sum(axis=0)
     value, low, high = estimate.probability * ratio, np.zeros(ratio.shape), np.full(ratio.shape, np.nan)
-    if not too_few(share) and np.isfinite(estimate.cov):
-        spread, freedom = _of_ratio(share, brings, ratio)
+    if not too_few(normalised) and np.isfinite(estimate.cov):
+        spread, freedom = _of_ratio(normalised, brings, ratio)
         # What few slides bring scatters as that of as many draws that are all alike at least, and shows too little.
-        alike = float(share @ share)
-        least = np.maximum(share @ brings**2 - ratio**2, 0.0) * alike / max(1 - alike, MOST_LEVERAGE)
+        concentration = float(normalised @ normalised)
+        least = (
+            np.maximum(normalised @ brings**2 - ratio**2, 0.0) * concentration / max(1 - concentration, MOST_LEVERAGE)
+        )
         relative, of_pf = np.maximum(spread, least) / np.where(ratio > 0, ratio, np.nan) ** 2, estimate.cov**2
         # Degrees of freedom of a sum of independent variances: Satterthwaite (1946).
         square = of_pf**2 / estimate.freedom + relative**2 / freedom
@@ -175,42 +177,42 @@ def _check_amounts(values: np.ndarray) -> None:
         raise ValueError(f"a slide brings {bad.flat[0]}: give finite amounts of 0 or more, and leave out the others")
 
 
-def _share_limits(share: np.ndarray, does: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _share_limits(normalised: np.ndarray, does: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Share of the slides that do something, and its confidence limits, (k,) each.
 
     Args:
-        share: of each slide in the weight (n,).
+        normalised: of each slide in the weight (n,).
         does: 0 or 1 (n, k).
         level: confidence level of the interval.
     """
     every = does.all(axis=0)
-    ratio = np.where(every, 1.0, np.minimum(share @ does, 1.0))
-    low, _ = _limits_of_ratio(ratio, ratio, share, does, level)
+    ratio = np.where(every, 1.0, np.minimum(normalised @ does, 1.0))
+    low, _ = _limits_of_ratio(ratio, ratio, normalised, does, level)
     # Of what all slides did, the standard deviation by Jeffreys' prior.
-    apart = ndtri(0.5 + level / 2) * float(share @ share) / math.sqrt(2)
+    apart = ndtri(0.5 + level / 2) * float(normalised @ normalised) / math.sqrt(2)
     low = np.where(every, max(1 - float(apart), 0.0), low)
-    whole = 1 + share.max()
-    with_one_more = np.append(share, share.max()) / whole, np.vstack([does, np.ones(does.shape[1])])
-    _, high = _limits_of_ratio(ratio, (ratio + share.max()) / whole, *with_one_more, level)
+    whole = 1 + normalised.max()
+    with_one_more = np.append(normalised, normalised.max()) / whole, np.vstack([does, np.ones(does.shape[1])])
+    _, high = _limits_of_ratio(ratio, (ratio + normalised.max()) / whole, *with_one_more, level)
     return ratio, low, np.where(every, 1.0, high)
 
 
 def _limits_of_ratio(
-    ratio: np.ndarray, nearer: np.ndarray, share: np.ndarray, does: np.ndarray, level: float
+    ratio: np.ndarray, nearer: np.ndarray, normalised: np.ndarray, does: np.ndarray, level: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wilson's limits of a ratio (k,), of as many independent slides as scatter about `nearer` (k,) as these do."""
-    spread, freedom = _of_ratio(share, does, nearer)
+    spread, freedom = _of_ratio(normalised, does, nearer)
     some = spread > 0
     slides = np.where(some, nearer * (1 - nearer) / np.where(some, spread, 1.0), np.inf)
     return wilson_limits(ratio, slides, freedom, level)
 
 
-def _of_ratio(share: np.ndarray, values: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _of_ratio(normalised: np.ndarray, values: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, as in `mean_interval`.
 
     The degrees of freedom are at least those of as many draws that are all alike.
     """
-    parts = (share[:, None] * (values - ratio)) ** 2 / np.maximum(1 - share, MOST_LEVERAGE)[:, None] ** 2
+    parts = (normalised[:, None] * (values - ratio)) ** 2 / np.maximum(1 - normalised, MOST_LEVERAGE)[:, None] ** 2
     variance, squares = parts.sum(axis=0), (parts**2).sum(axis=0)
     freedom = np.where(squares > 0, variance**2 / np.where(squares > 0, squares, 1.0) - 1, np.inf)
-    return variance, np.maximum(freedom, max(1 / float(share @ share) - 1, 1.0))
+    return variance, np.maximum(freedom, max(1 / float(normalised @ normalised) - 1, 1.0))

@@ -50,15 +50,15 @@ def draw_samples(population: Population, samples: int, seed: int) -> dict[int, Z
     }  # fmt: skip
 
 
-def first_variance(population: Population, share: float, chance: np.ndarray) -> float:
+def first_variance(population: Population, proportion: float, chance: np.ndarray) -> float:
     """Variance of the first phase: of independent samples, and of the draws from their zones.
 
     Args:
         population: samples, and what they stand for.
-        share: that fails.
+        proportion: that fails.
         chance: of failure of each, 0 or 1 where its class is known (N,).
     """
-    return share * (1 - share) / population.independent + zone_variance(population, chance)
+    return proportion * (1 - proportion) / population.independent + zone_variance(population, chance)
 
 
 def zone_variance(population: Population, chance: np.ndarray) -> float:

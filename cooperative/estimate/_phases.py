@@ -132,8 +132,8 @@ class Phases:
         # A sample at which a chain stood still has several positions in the population.
         for position, weight in self.estimator.weights(self.population, self._by_position).items():
             weights[self._numbers[position]] += weight
-        share = self.estimate.probability
-        stands_for = {True: share, False: 1 - share}
+        probability = self.estimate.probability
+        stands_for = {True: probability, False: 1 - probability}
         sums = {fails: sum(w for n, w in weights.items() if self.answers[n] is fails) for fails in stands_for}
         # A run that broke off undecided belongs to neither class.
         factor = {fails: stands_for[fails] / sums[fails] for fails in stands_for if sums[fails] > 0}
@@ -178,10 +178,10 @@ class Phases:
             notes.append(f"{lost} rough runs gave no answer and are left out")
         weight = np.array([self.zones[n].weight if self.zones else 1.0 for n in answers])
         fails = np.array(list(answers.values()), bool)
-        share = float(weight[fails].sum() / weight.sum()) if answers else 0.0
-        notes.insert(0, f"screening is not complete: {share:.3g} of the samples so far fail on the rough grid")
+        proportion = float(weight[fails].sum() / weight.sum()) if answers else 0.0
+        notes.insert(0, f"screening is not complete: {proportion:.3g} of the samples so far fail on the rough grid")
         # No number of rough runs shows what the refined grid makes of them.
-        return Estimate(share, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
+        return Estimate(proportion, (0.0, 1.0), np.inf, 0, method, notes=tuple(notes))
 
     @cached_property
     def _numbers(self) -> list[int]:
@@ -218,7 +218,7 @@ def zone_weights(failures: Failures, slid: np.ndarray) -> np.ndarray:
         failures: by rank.
         slid: its rank (n,), ascending.
     """
-    reached = np.cumsum(failures.size) - failures.size / 2
+    reached = np.cumsum(failures.expected) - failures.expected / 2
     borders = (reached[slid][1:] + reached[slid][:-1]) / 2
     counted = np.bincount(np.searchsorted(borders, reached), failures.count, slid.size)
     return np.maximum(counted, failures.weight[slid])
@@ -264,10 +264,10 @@ class Slides:
         position = {number: at for at, number in enumerate(numbers)}
         ranks = np.array([r for r, n in enumerate(failures.number) if n in position and slid[position[n]]], int)
         if ranks.size:
-            share = zone_weights(failures, ranks)
+            of_zone = zone_weights(failures, ranks)
             # Without a run that the estimator counts, it is unknown what slides stand for.
-            share *= phases.estimate.probability / (share.sum() or 1.0)
-            np.add.at(weight, [position[n] for n in failures.number[ranks]], share)
+            of_zone *= phases.estimate.probability / (of_zone.sum() or 1.0)
+            np.add.at(weight, [position[n] for n in failures.number[ranks]], of_zone)
         return cls(failed, slid, weight, _missing(phases, failures, set(np.array(numbers)[slid]), count, seed))
 
     @property
@@ -296,7 +296,7 @@ def _missing(phases: Phases, failures: Failures, slid: set[int], count: int | No
 
     While no failure is known there is nothing that slides would stand for, and none are sought beyond the audit.
     """
-    size = np.where(failures.chance < FAR_DOWN, 0.0, failures.size)
+    size = np.where(failures.chance < FAR_DOWN, 0.0, failures.expected)
     missing: dict[int, None] = {}
     if not count or not size.any() or True not in phases.answers.values():
         return ()

@@ -189,9 +189,9 @@ class InOrder(Budgeted):
         if self.target_cov is None:
             return self.untargeted(population, answers)
         ordered = self._ordered(self.target_cov, population, answers)
-        if not ordered.share.size:
+        if not ordered.draw_weight.size:
             return self.untargeted(population, answers)
-        outcomes, lost = _first_answers({number: answers[number] for number in range(ordered.share.size)})
+        outcomes, lost = _first_answers({number: answers[number] for number in range(ordered.draw_weight.size)})
         estimate = ordered_estimate(
             self.method, _outcomes(answers), population.size, ordered, control=self.control(population)
         )
@@ -212,8 +212,8 @@ class InOrder(Budgeted):
         outcomes = _first_answers(answers)[0]
         if self.target_cov is None:
             return dict.fromkeys(outcomes, 1.0)
-        share = self._ordered(self.target_cov, population, answers).share.tolist()
-        return {number: weight for number, weight in enumerate(share) if number in outcomes}
+        draw_weight = self._ordered(self.target_cov, population, answers).draw_weight.tolist()
+        return {number: weight for number, weight in enumerate(draw_weight) if number in outcomes}
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,7 @@ class Failures:
     count: np.ndarray = field(repr=False)
 
     @property
-    def size(self) -> np.ndarray:
+    def expected(self) -> np.ndarray:
         """Failures expected of each sample, as a share of all samples (N,)."""
         return self.weight * self.chance
 

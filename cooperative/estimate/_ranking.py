@@ -177,11 +177,11 @@ def correlation(
 def _ranks(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Weighted ranks from 0 to 1: the share below, and half of that which is equal."""
     distinct, which = np.unique(values, return_inverse=True)
-    share = np.bincount(which, weight, distinct.size) / weight.sum()
-    return (np.cumsum(share) - share / 2)[which]
+    normalised = np.bincount(which, weight, distinct.size) / weight.sum()
+    return (np.cumsum(normalised) - normalised / 2)[which]
 
 
 def _pearson(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> float:
-    share = weight / weight.sum()
-    a, b = a - share @ a, b - share @ b
-    return float((share @ (a * b)) / np.sqrt((share @ a**2) * (share @ b**2)))
+    normalised = weight / weight.sum()
+    a, b = a - normalised @ a, b - normalised @ b
+    return float((normalised @ (a * b)) / np.sqrt((normalised @ a**2) * (normalised @ b**2)))

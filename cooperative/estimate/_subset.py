@@ -28,9 +28,9 @@ class SubsetPlan:
 
     Args:
         per_level: samples per level of one run.
-        levels: levels above plain sampling, each `share` as probable as the one below.
+        levels: levels above plain sampling, each `level_probability` times as probable as the one below.
         replicates: independent runs.
-        share: probability of a level, given the one below.
+        level_probability: probability of a level, given the one below.
         correlation: of a chain's step with its start, 0 to 1.
         seed: of all draws.
     """
@@ -38,14 +38,14 @@ class SubsetPlan:
     per_level: int = 500
     levels: int = 3
     replicates: int = 8
-    share: float = 0.1
+    level_probability: float = 0.1
     correlation: float = 0.7
     seed: int = 0
 
     @property
     def rough_runs(self) -> int:
         """Rough solutions that all runs take together."""
-        chains = round(self.per_level * self.share)
+        chains = round(self.per_level * self.level_probability)
         return self.replicates * (self.per_level + self.levels * (self.per_level - chains))
 
 
@@ -87,14 +87,15 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
     Raises:
         ValueError: a plan that leaves fewer than 2 chains, or a share or correlation outside (0, 1).
     """
-    chains = round(plan.per_level * plan.share)
-    if not (0 < plan.share < 1 and 0 <= plan.correlation < 1):
+    chains = round(plan.per_level * plan.level_probability)
+    if not (0 < plan.level_probability < 1 and 0 <= plan.correlation < 1):
         raise ValueError(
-            f"share = {plan.share}, correlation = {plan.correlation}: give a share in (0, 1), a correlation in [0, 1)"
+            f"level_probability = {plan.level_probability}, correlation = {plan.correlation}: give a "
+            "probability in (0, 1) and a correlation in [0, 1)"
         )
     if chains < 2 or plan.per_level % chains:
         raise ValueError(
-            f"per_level = {plan.per_level} with share = {plan.share} makes {chains} chains: "
+            f"per_level = {plan.per_level} with level_probability = {plan.level_probability} makes {chains} chains: "
             "give a per_level that at least 2 chains divide evenly"
         )
     count = plan.rough_runs // plan.replicates

@@ -3,11 +3,11 @@
 Phase one is the sampling of the N fields, phase two the audit of `cooperative.estimate._audit`; the interval holds
 both (two-phase sampling: Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Chapter 9). It assumes
 nothing of the ranking: to the scatter of both phases it adds, upwards only, what failures may hide among samples that
-were not refined, which `Estimate.unseen` and `Estimate.sampling_interval` give apart. Where draws far down the ranking
-fail, a note states it. Where no run has failed P_f is 0, where all have it is 1, and the limit on the other side is
-that of `cooperative.estimate._alike`: what the model expects does not count as a failure. Everything is a pure function
-of the rows and the plan, so what to run next and the estimate do not depend on what ran at once, in which order, or
-after which interruption.
+were not refined, which `Estimate.hidden_limit` and `Estimate.sampling_interval` give apart. Where draws far down the
+ranking fail, a note states it. Where no run has failed P_f is 0, where all have it is 1, and the limit on the other
+side is that of `cooperative.estimate._one_outcome`: what the model expects does not count as a failure. Everything is a
+pure function of the rows and the plan, so what to run next and the estimate do not depend on what ran at once, in which
+order, or after which interruption.
 
 A target for the coefficient of variation goes by the scatter alone.
 Who stops once the spread seen so far is small enough stops when few failures happened to be drawn, or when the estimate
@@ -31,7 +31,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cooperative.estimate._alike import limit_alike
 from cooperative.estimate._audit import (
     AuditPlan,
     AuditTotal,
@@ -44,13 +43,14 @@ from cooperative.estimate._audit import (
     draw_wave,
     even_share,
     guarded,
+    hidden_limit,
     model_variance,
     surprise,
-    unseen,
 )
 from cooperative.estimate._estimates import LEAST_FREEDOM, Estimate, exact_limit, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._nested import first_variance
+from cooperative.estimate._one_outcome import limit_of_one_outcome
 from cooperative.estimate._protocol import Answers, Failures, Population
 from cooperative.estimate._ranking import rank_samples
 
@@ -75,13 +75,13 @@ class _Replay:
     known: np.ndarray
     certain: np.ndarray
     waves: tuple[Wave, ...]
-    share: np.ndarray
+    draw_weight: np.ndarray
     missing: np.ndarray
     waiting: int
     model: np.ndarray
 
     @property
-    def alike(self) -> bool | None:
+    def outcome_of_all(self) -> bool | None:
         """Whether all runs with an answer failed, or all stand; None where some do either, or there is none."""
         answered = self.outcome[~np.isnan(self.outcome)]
         return bool(answered[0]) if answered.size and answered.min() == answered.max() else None
@@ -154,7 +154,13 @@ def sample_weights(population: Population, refined: Answers, plan: AuditPlan) ->
     waves = [replace(wave, model=nothing) for wave in replay.waves]
     answered = np.where(np.isnan(replay.outcome), 0.0, 1.0)
     total = audit_total(
-        waves, answered, replay.certain, weight=replay.weight, model=nothing, share=replay.share, group=np.arange(count)
+        waves,
+        answered,
+        replay.certain,
+        weight=replay.weight,
+        model=nothing,
+        draw_weight=replay.draw_weight,
+        group=np.arange(count),
     )
     return {int(replay.order[rank]): float(total.by_group[rank]) for rank in np.flatnonzero(total.by_group > 0)}
 
@@ -223,7 +229,7 @@ def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Itera
     missing = np.union1d(missing, certain[~there[certain]])
     settled = there & np.isin(np.arange(count), certain)
     waves: list[Wave] = []
-    shares, rest, most = [np.zeros(0)], 1.0, min(plan.runs, count) - certain.size
+    draw_weights, rest, most = [np.zeros(0)], 1.0, min(plan.runs, count) - certain.size
     generator = np.random.default_rng(plan.seed)
 
     def state() -> _Replay:
@@ -235,25 +241,27 @@ def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Itera
         if model is None:
             model = predict_logistic(fit_logistic(score[usable], outcome[usable], centre), score, centre)
         waiting = int((there & ~settled).sum()) if missing.size else 0
-        share = np.concatenate(shares)
-        return _Replay(order, weight, outcome, settled.copy(), certain, tuple(waves), share, missing, waiting, model)
+        draw_weight = np.concatenate(draw_weights)
+        return _Replay(
+            order, weight, outcome, settled.copy(), certain, tuple(waves), draw_weight, missing, waiting, model
+        )
 
     so_far = state()
     yield so_far
-    while not missing.size and so_far.share.size < most and rest > SPENT:
-        remaining = most - so_far.share.size
+    while not missing.size and so_far.draw_weight.size < most and rest > SPENT:
+        remaining = most - so_far.draw_weight.size
         floor = even_share(plan, waves, so_far.outcome, shared=shared is not None)
-        size = min(plan.wave(so_far.share.size), remaining)
+        size = min(plan.wave(so_far.draw_weight.size), remaining)
         drawn_by = doubt
-        if plan.target_cov is not None and plan.proving and shared is None:
+        if plan.target_cov is not None and plan.exploration and shared is None:
             doubtful = guarded(waves, so_far.outcome, so_far.model)
             drawn_by = weight * np.sqrt(doubtful * (1 - doubtful))
         wave = draw_wave(
             generator, so_far.model, weight=weight, known=settled, size=size, floor=floor, doubt=drawn_by,
             order=of_samples,
         )  # fmt: skip
-        share = _wave_share(population, so_far, plan, wave, rest, remaining)
-        wave = replace(wave, ranks=wave.ranks[: share.size], probability=wave.probability[: share.size])
+        draw_weight = _wave_weights(population, so_far, plan, wave, rest, remaining)
+        wave = replace(wave, ranks=wave.ranks[: draw_weight.size], probability=wave.probability[: draw_weight.size])
         missing = wave.ranks[~there[wave.ranks]]
         # Samples in doubt run longest: they begin, so that workers end a wave together.
         missing = missing[np.argsort(np.abs(wave.model[missing] - 0.5), kind="stable")]
@@ -261,13 +269,13 @@ def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Itera
         if not missing.size:
             settled[wave.ranks] = True
             waves.append(wave)
-            shares.append(share)
-            rest -= float(share.sum()) if plan.target_cov is not None else 0.0
+            draw_weights.append(draw_weight)
+            rest -= float(draw_weight.sum()) if plan.target_cov is not None else 0.0
         so_far = state()
         yield so_far
 
 
-def _wave_share(
+def _wave_weights(
     population: Population, so_far: _Replay, plan: AuditPlan, wave: Wave, rest: float, left: int
 ) -> np.ndarray:
     """Share of the estimate of each draw of the next wave, from the waves before alone.
@@ -282,25 +290,25 @@ def _wave_share(
         rest: what is left of the shares.
         left: draws that the budget allows.
     """
-    size, drawn = wave.ranks.size, so_far.share.size
+    size, drawn = wave.ranks.size, so_far.draw_weight.size
     if plan.target_cov is None:
-        return share_by_order(drawn, size)
+        return weights_by_order(drawn, size)
     needed = 0.0
     # Without a failure nothing shows how many draws a target takes.
-    if drawn and size < left and so_far.alike is not False:
+    if drawn and size < left and so_far.outcome_of_all is not False:
         # The estimate with shares by order is steadier while shares are few.
-        so_far = replace(so_far, share=share_by_order(0, drawn))
+        so_far = replace(so_far, draw_weight=weights_by_order(0, drawn))
         audit = _audit(so_far, _groups(population, so_far))
         estimate = _scattered(population, so_far, plan, audit)
         expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
-        model = guarded(so_far.waves, so_far.outcome, wave.model) if plan.proving else wave.model
+        model = guarded(so_far.waves, so_far.outcome, wave.model) if plan.exploration else wave.model
         variance = draw_variance(wave, model, so_far.weight)
         # Two waves at least.
         needed = min(needed_share(plan.target_cov, estimate, expected, audit.beyond, variance), 0.5 / plan.first_wave)
-    return target_share(needed, rest, drawn=drawn, size=size, left=left)
+    return target_weights(needed, rest, drawn=drawn, size=size, left=left)
 
 
-def share_by_order(drawn: int, size: int) -> np.ndarray:
+def weights_by_order(drawn: int, size: int) -> np.ndarray:
     """Share of draws (size,), in proportion, that follow `drawn` others.
 
     Later draws rest on a better model and on more known outcomes.
@@ -308,7 +316,7 @@ def share_by_order(drawn: int, size: int) -> np.ndarray:
     return np.sqrt(np.arange(drawn + 1.0, drawn + size + 1.0))
 
 
-def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int, even: bool = False) -> np.ndarray:
+def target_weights(needed: float, rest: float, *, drawn: int, size: int, left: int, even: bool = False) -> np.ndarray:
     """Shares of the draws of a wave of `size` (at most size,), of a mean of which `rest` is left to give.
 
     What the target does not need before the budget ends is shared out as without one. Draws that can carry all that is
@@ -322,13 +330,13 @@ def target_share(needed: float, rest: float, *, drawn: int, size: int, left: int
         left: draws that the budget still allows.
         even: whether later draws are worth no more than earlier ones.
     """
-    order = np.ones(left) if even else share_by_order(drawn, left)
-    share = np.maximum(rest * order[:size] / order.sum(), needed)
-    enough = int(np.searchsorted(np.cumsum(share), rest)) + 1
+    order = np.ones(left) if even else weights_by_order(drawn, left)
+    draw_weight = np.maximum(rest * order[:size] / order.sum(), needed)
+    enough = int(np.searchsorted(np.cumsum(draw_weight), rest)) + 1
     if enough <= size or size == left:
-        share = share[:enough]
-        share *= rest / share.sum()
-    return share
+        draw_weight = draw_weight[:enough]
+        draw_weight *= rest / draw_weight.sum()
+    return draw_weight
 
 
 def needed_share(target: float, estimate: Estimate, expected: float, beyond: float, variance: float) -> float:
@@ -352,7 +360,7 @@ def needed_share(target: float, estimate: Estimate, expected: float, beyond: flo
 def _audit(replay: _Replay, group: np.ndarray | None = None) -> AuditTotal:
     return audit_total(
         replay.waves, replay.outcome, replay.certain,
-        weight=replay.weight, model=replay.model, share=replay.share, group=group,
+        weight=replay.weight, model=replay.model, draw_weight=replay.draw_weight, group=group,
     )  # fmt: skip
 
 
@@ -366,16 +374,16 @@ def _groups(population: Population, replay: _Replay) -> np.ndarray | None:
 def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
     """The estimate by its scatter, or by the limit of runs that all ended alike."""
     audit = _audit(replay, _groups(population, replay))
-    estimate, alike = _scattered(population, replay, plan, audit, level), replay.alike
+    estimate, outcome_of_all = _scattered(population, replay, plan, audit, level), replay.outcome_of_all
     if replay.waiting:
         whole = replay.waiting + replay.missing.size
         note = f"{replay.waiting} of {whole} runs of the wave under way are back; they count once all are"
         estimate = replace(estimate, notes=(*estimate.notes, note))
-    if np.isnan(estimate.audit_variance) or alike is None or (alike and not plan.proving):
+    if np.isnan(estimate.audit_variance) or outcome_of_all is None or (outcome_of_all and not plan.exploration):
         return estimate
     gone = np.flatnonzero(np.isnan(replay.outcome) & replay.known)
     certain = int(np.isin(gone, replay.certain).sum())
-    limit = limit_alike(
+    limit = limit_of_one_outcome(
         population,
         replay.waves,
         known=replay.known,
@@ -383,29 +391,31 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
         replicate=None if population.replicate is None else population.replicate[replay.order],
         chains=None if population.chains is None else population.chains.moved(np.argsort(replay.order)),
         unanswered=(gone.size - certain, certain),
-        proving=plan.proving,
+        exploration=plan.exploration,
         level=level,
     )
     # What all samples leave open where those that did not run are as they rank.
     least = exact_limit(population.independent, level)
     open_ = limit if limit > least * (1 + 1e-9) else 0.0
-    if alike:
+    if outcome_of_all:
         note = f"every refined run has failed: P_f is 1 so far, and at least {1 - limit:.3g} ({level:.0%} confidence)"
         interval, sampling, open_ = (1 - limit, 1.0), (1 - least, 1.0), 0.0
     else:
-        where = ", wherever failures hide in the ranking" if plan.proving else ", if failures rank above what stands"
+        where = (
+            ", wherever failures hide in the ranking" if plan.exploration else ", if failures rank above what stands"
+        )
         note = f"no refined run has failed: P_f is 0 so far, and at most {limit:.3g} ({level:.0%} confidence){where}"
         interval, sampling = (0.0, limit), (0.0, least)
     return replace(
         estimate,
-        probability=float(alike),
+        probability=float(outcome_of_all),
         interval=interval,
         # The standard deviation of an exponential rest with this limit.
-        cov=limit / 3 if alike else np.inf,
-        audit_variance=max(limit**2 - least**2, 0.0) / 9 if alike else 0.0,
+        cov=limit / 3 if outcome_of_all else np.inf,
+        audit_variance=max(limit**2 - least**2, 0.0) / 9 if outcome_of_all else 0.0,
         notes=(*estimate.notes, note),
-        unseen=open_,
-        sampling_interval=sampling if plan.proving else None,
+        hidden_limit=open_,
+        sampling_interval=sampling if plan.exploration else None,
         freedom=np.inf,
     )
 
@@ -427,17 +437,21 @@ def _scattered(
     variance, total = audit.variance, audit.total
     if (plan.target_cov is not None or grouped) and not replay.known.all():
         # The scatter of few draws is combined with what the model expects of them.
-        draws, expected = replay.share.size, model_variance(replay.waves, replay.share, model=model, weight=weight)
+        draws, expected = (
+            replay.draw_weight.size,
+            model_variance(replay.waves, replay.draw_weight, model=model, weight=weight),
+        )
         variance = (draws * variance + PRIOR_DRAWS * expected) / (draws + PRIOR_DRAWS)
-        if plan.target_cov is not None and plan.proving:
+        if plan.target_cov is not None and plan.exploration:
             doubtful = guarded(replay.waves, replay.outcome, model)
-            variance += model_variance(replay.waves, replay.share, model=doubtful, weight=weight) - expected
+            variance += model_variance(replay.waves, replay.draw_weight, model=doubtful, weight=weight) - expected
     hidden = None
-    if plan.proving:
-        hidden = unseen(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
+    if plan.exploration:
+        hidden = hidden_limit(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
     else:
         notes.append(
-            "the interval has no allowance for failures among low-ranked samples that were not refined (proving = 0)"
+            "the interval has no allowance for failures among low-ranked samples that were not refined "
+            "(exploration = 0)"
         )
     far = surprise(replay.waves, replay.outcome)
     if far.misled:
@@ -450,7 +464,7 @@ def _scattered(
     both, freedom = _whole_variance(population, replay, audit, variance, sampling)
     return with_variance(
         "two-phase", total, both, runs, freedom=freedom, audit_variance=variance, level=level, notes=tuple(notes),
-        unseen=hidden, independent=np.inf if grouped else float(population.independent),
+        hidden_limit=hidden, independent=np.inf if grouped else float(population.independent),
         failed=float(np.nansum(replay.outcome)), stand=float(np.nansum(1 - replay.outcome)), skewed=grouped,
     )  # fmt: skip
 
@@ -468,9 +482,9 @@ def _whole_variance(
         both = variance + sampling
         # Welch and Satterthwaite, the part of the sampling being as good as known.
         return both, audit.effective_draws * (both / variance) ** 2 if variance > 0 else np.inf
-    share, least, freedom = audit.by_group * audit.by_group.size, variance, audit.by_group.size - 1.0
+    scaled, least, freedom = audit.by_group * audit.by_group.size, variance, audit.by_group.size - 1.0
     if population.chains is not None:
         chance = np.where(np.isnan(replay.outcome), replay.model, replay.outcome)[np.argsort(replay.order)]
         least += audit.total**2 * population.chains.relative_variance(chance)
         freedom = max(freedom, LEAST_FREEDOM)
-    return max(float(share.var(ddof=1)) / share.size, least), freedom
+    return max(float(scaled.var(ddof=1)) / scaled.size, least), freedom

@@ -61,7 +61,7 @@ def _parts(results: Results, figures: Sequence[Drawn]) -> Iterator[str]:
     yield shown("slide", "plan", "body", "slope")
     yield heading("How sure, and why")
     yield estimates(summary)
-    yield paragraph(" ".join(filter(None, (sentences.unseen(summary), finished(summary)))))
+    yield paragraph(" ".join(filter(None, (sentences.hidden(summary), finished(summary)))))
     yield shown("convergence", "ranked", "grids")
     yield heading("What more runs would bring")
     yield from further_runs(results)

@@ -25,7 +25,7 @@ def words(results: Results) -> str:
     lines = [
         summary.name,
         f"  probability of failure  {probability(pf.estimate)}",
-        *(f"  {line}" for line in (criterion(results).translate(PLAIN), unseen(summary), condition(summary)) if line),
+        *(f"  {line}" for line in (criterion(results).translate(PLAIN), hidden(summary), condition(summary)) if line),
         *(f"  at risk        {line}" for line in at_risk(summary)),
     ]
     for method, other in pf.others.items():
@@ -208,10 +208,10 @@ def cut_off(summary: Summary) -> str:
     return f" These are least values: {cut.at_t_end} of {cut.of} slides had not come to rest at {cut.t_end:g} s."
 
 
-def unseen(summary: Summary) -> str:
+def hidden(summary: Summary) -> str:
     """How much of the interval allows for samples that were not refined; empty where no part of it does."""
     pf = summary.probability
-    if pf.sampling_interval is None or not pf.unseen:
+    if pf.sampling_interval is None or not pf.hidden_limit:
         return ""
     low, high = pf.sampling_interval
     if not pf.value:
@@ -223,7 +223,7 @@ def unseen(summary: Summary) -> str:
     spread = "" if cov is None else f" (coefficient of variation {cov:.1%})"
     return (
         f"Sampling error alone gives {number(low)} to {number(high)}{spread}. The wider interval allows for failures "
-        f"in up to {pf.unseen:.2g} of all samples, among low-ranked ones that were not refined."
+        f"in up to {pf.hidden_limit:.2g} of all samples, among low-ranked ones that were not refined."
     )
 
 
@@ -232,7 +232,7 @@ def more(summary: Summary) -> str:
     cost, pf = summary.cost, summary.probability
     after, now = cost.after_more_runs, pf.coefficient_of_variation
     runs, remaining, then = after.runs, after.samples_left, after.coefficient_of_variation
-    if not pf.value and pf.unseen and pf.runs and remaining and runs:
+    if not pf.value and pf.hidden_limit and pf.runs and remaining and runs:
         # The limit of n runs without a failure is in proportion to 1 / n.
         least = pf.interval[1] * pf.runs / (cost.refined_runs + runs)
         return f"{another(runs)} without a failure would lower the upper limit to about {least:.2g}."

@@ -252,7 +252,7 @@ class FailureProbability:
         estimator: its name.
         coefficient_of_variation: of the estimate, None at 0.
         runs: refined runs of the estimate.
-        unseen: as in `Estimate`.
+        hidden_limit: as in `Estimate`.
         sampling_interval: as in `Estimate`.
         audit_variance: as in `Estimate`.
         freedom: as in `Estimate`, None for no limit.
@@ -275,7 +275,7 @@ class FailureProbability:
     estimator: str
     coefficient_of_variation: float | None
     runs: int
-    unseen: float
+    hidden_limit: float
     sampling_interval: tuple[float, float] | None
     audit_variance: float
     freedom: float | None
@@ -302,7 +302,7 @@ class FailureProbability:
             self.estimator,
             self.level,
             audit_variance=self.audit_variance,
-            unseen=self.unseen,
+            hidden_limit=self.hidden_limit,
             sampling_interval=self.sampling_interval,
             freedom=np.inf if self.freedom is None else self.freedom,
         )

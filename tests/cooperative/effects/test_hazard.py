@@ -67,7 +67,7 @@ def test_what_no_slide_did_may_be_done_by_such_as_the_heaviest():
 
 
 def test_the_allowance_for_what_no_run_has_met_is_that_of_the_failures_alone():
-    wide = replace(PLAIN, interval=(PLAIN.interval[0], 0.9), sampling_interval=PLAIN.interval, unseen=0.6)
+    wide = replace(PLAIN, interval=(PLAIN.interval[0], 0.9), sampling_interval=PLAIN.interval, hidden_limit=0.6)
     values = np.arange(1.0, 11.0)
     plain, allowed = (exceedance(each, np.ones(10), values) for each in (PLAIN, wide))
     np.testing.assert_array_equal(plain.high, allowed.high)

@@ -196,10 +196,10 @@ def test_numbers_that_are_not_finite_are_null_in_json_and_other_json_is_no_summa
     made = summarise(campaign_with(samples=60, estimator="monte carlo"), rough, refined(range(60)))
     odd = replace(
         made,
-        probability=replace(made.probability, unseen=np.inf),
+        probability=replace(made.probability, hidden_limit=np.inf),
         cost=replace(made.cost, seconds={"rough": np.nan, "refined": 1.0}),
     ).as_json()
-    assert (odd["probability"]["unseen"], odd["cost"]["seconds"]) == (None, {"rough": None, "refined": 1.0})
+    assert (odd["probability"]["hidden_limit"], odd["cost"]["seconds"]) == (None, {"rough": None, "refined": 1.0})
     for text in (json.dumps(odd), "[]", "{}", '{"name": "x"}', json.dumps({**made.as_json(), "name": 12})):
         with pytest.raises(ValueError, match="Summary"):
             Summary.from_json(text)
@@ -227,13 +227,13 @@ def test_summary_and_words_tell_sampling_from_what_was_not_seen():
     low, high = summary.probability.sampling_interval
     assert summary.probability.interval[0] == low
     assert summary.probability.interval[1] > high > summary.probability.value
-    assert 0 < summary.probability.unseen < 0.5
-    text = words.unseen(summary)
+    assert 0 < summary.probability.hidden_limit < 0.5
+    text = words.hidden(summary)
     assert f"{low:.3g} to {high:.3g}" in text
     assert f"{summary.probability.coefficient_of_variation:.1%}" in text
-    assert f"up to {summary.probability.unseen:.2g} of all samples" in text
+    assert f"up to {summary.probability.hidden_limit:.2g} of all samples" in text
     plain = summarise(campaign_with(samples=600, estimator="monte carlo"), rough, refined(range(600)))
-    assert (plain.probability.unseen, plain.probability.sampling_interval, words.unseen(plain)) == (0.0, None, "")
+    assert (plain.probability.hidden_limit, plain.probability.sampling_interval, words.hidden(plain)) == (0.0, None, "")
 
 
 def test_summary_says_where_the_ranks_mislead():

@@ -14,7 +14,7 @@ from cooperative.estimate import (
 )
 from cooperative.estimate._audit import (
     draw_wave,
-    unseen,
+    hidden_limit,
 )
 from tests.cooperative.estimate.test_twophase import answers, pair
 
@@ -68,19 +68,21 @@ def test_the_allowance_widens_upwards_only_and_leaves_the_rest_alone():
     estimate = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60))
     (low, high), (alone_low, alone_high) = estimate.interval, estimate.sampling_interval
     assert low == alone_low
-    assert high - estimate.probability == pytest.approx(np.hypot(alone_high - estimate.probability, estimate.unseen))
+    assert high - estimate.probability == pytest.approx(
+        np.hypot(alone_high - estimate.probability, estimate.hidden_limit)
+    )
     # A target goes by the sampling, which the allowance is far from meeting.
     target = two_phase(Population(displacement), answers(failed), AuditPlan(runs=700, target_cov=0.12))
     assert target.cov == pytest.approx(0.12, abs=0.02)
     assert target.refined_runs < 150
     assert target.interval[1] > target.sampling_interval[1]
     # Notes name what trust in the ranks from the start leaves out.
-    trusting = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, proving=0))
-    assert (trusting.unseen, trusting.sampling_interval) == (0.0, None)
+    trusting = two_phase(Population(displacement), answers(failed), AuditPlan(runs=60, exploration=0))
+    assert (trusting.hidden_limit, trusting.sampling_interval) == (0.0, None)
     assert "has no allowance" in trusting.notes[0]
     # Nothing is unseen where all is known.
     everything = two_phase(Population(displacement), answers(failed), AuditPlan(runs=750))
-    assert everything.unseen == 0.0
+    assert everything.hidden_limit == 0.0
     assert everything.interval == pytest.approx(wilson_interval(int(failed.sum()), 750))
 
 
@@ -98,7 +100,7 @@ def test_no_draw_meets_what_is_hidden_more_rarely_than_the_limit_says(seed, leve
         known[waves[-1].ranks] = True
     outcome = np.where(known, 0.0, np.nan)
     outcome[np.flatnonzero(known)[0]] = 1.0
-    limit = unseen(waves, outcome, known, weight=weight, level=level)
+    limit = hidden_limit(waves, outcome, known, weight=weight, level=level)
     below = np.flatnonzero(~known & (np.arange(count) > np.flatnonzero(known)[0]))
     hiding = generator.permutation(below)[: generator.integers(1, below.size + 1)]
     chance = 1.0

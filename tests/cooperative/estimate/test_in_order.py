@@ -30,10 +30,10 @@ def test_the_sum_is_exactly_unbiased_whenever_it_ends(failing, target):
         outcome = np.array(outcome)
         chance = np.prod(np.where(outcome == 1, failing, 1 - failing))
         ran = in_order(outcome, SAMPLES, target=target, budget=BUDGET, look=2)
-        assert ran.share.sum() == pytest.approx(1.0)
-        assert ran.to_run == ran.share.size
-        expectation += chance * float(ran.share @ ran.each)
-        ends.add(ran.share.size)
+        assert ran.draw_weight.sum() == pytest.approx(1.0)
+        assert ran.to_run == ran.draw_weight.size
+        expectation += chance * float(ran.draw_weight @ ran.each)
+        ends.add(ran.draw_weight.size)
     assert expectation == pytest.approx(failing, abs=1e-12)
     assert len(ends) > 1
 
@@ -48,7 +48,7 @@ def test_a_control_that_learns_leaves_the_sum_unbiased():
         ran = in_order(
             failed[order], SAMPLES, target=0.3, budget=60, look=5, control=lambda known, at=order: control(known)[at]
         )
-        totals.append(float(ran.share @ ran.each))
+        totals.append(float(ran.draw_weight @ ran.each))
     assert np.mean(totals) == pytest.approx(0.2, abs=3 * np.std(totals) / np.sqrt(len(totals)))
 
 
@@ -56,11 +56,11 @@ def test_a_control_that_learns_leaves_the_sum_unbiased():
 def test_what_runs_next_depends_on_complete_looks_alone(outcome, target):
     outcome = np.array(outcome)
     ran = in_order(outcome, SAMPLES, target=target, budget=50)
-    again = in_order(outcome[: ran.share.size], SAMPLES, target=target, budget=50)
-    assert ran.share.size <= ran.to_run <= 50
+    again = in_order(outcome[: ran.draw_weight.size], SAMPLES, target=target, budget=50)
+    assert ran.draw_weight.size <= ran.to_run <= 50
     assert again.to_run == ran.to_run
-    np.testing.assert_array_equal(again.share, ran.share)
-    if ran.share.size:
+    np.testing.assert_array_equal(again.draw_weight, ran.draw_weight)
+    if ran.draw_weight.size:
         estimate = ordered_estimate("ours", outcome, SAMPLES, ran, control=None)
         assert estimate.interval[0] <= estimate.probability <= estimate.interval[1]
 

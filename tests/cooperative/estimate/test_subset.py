@@ -38,7 +38,7 @@ def test_subset_simulation_feeds_the_audit():
         )
         failed = 0.95 * result.coefficients[:, 0] + np.sqrt(1 - 0.95**2) * result.coefficients[:, 1] > norm.isf(pf)
         population = Population(result.rough_displacement, weight=result.weight, replicate=result.replicate)
-        answer = two_phase(population, answers(failed), AuditPlan(runs=200, seed=seed, growth=0.5, proving=0))
+        answer = two_phase(population, answers(failed), AuditPlan(runs=200, seed=seed, growth=0.5, exploration=0))
         off.append(answer.probability / pf - 1)
         covered += answer.interval[0] <= pf <= answer.interval[1]
     assert abs(np.mean(off)) < 4 * np.std(off) / np.sqrt(40)
@@ -61,7 +61,7 @@ def subset(seed, levels, correlation=0.98):
 def deep(seed, levels=6):
     """An audit of the levels."""
     population, failed = subset(seed, levels)
-    return two_phase(population, answers(failed), AuditPlan(runs=60, seed=seed, growth=0.5, proving=0))
+    return two_phase(population, answers(failed), AuditPlan(runs=60, seed=seed, growth=0.5, exploration=0))
 
 
 @pytest.mark.slow  # 200 repetitions of ten chains in a level: half a minute.
@@ -136,7 +136,7 @@ def test_the_audit_of_deep_levels_looks_where_failures_are():
 def test_deep_levels_without_a_failure_have_a_limit_and_no_probability():
     population, failed = subset(0, 6)
     stands = answers(np.zeros_like(failed))
-    estimates = path(population, stands, AuditPlan(runs=120, growth=0.5, proving=0))
+    estimates = path(population, stands, AuditPlan(runs=120, growth=0.5, exploration=0))
     rough = population.weights[population.rough_displacement > 1].sum()
     for estimate in estimates:
         assert (estimate.probability, estimate.interval[0]) == (0.0, 0.0)
@@ -160,10 +160,10 @@ def test_subset_simulation_takes_runs_that_broke_off_for_the_largest():
 @pytest.mark.parametrize(
     ("plan", "match"),
     [
-        (SubsetPlan(share=0.0), "share = 0"),
+        (SubsetPlan(level_probability=0.0), "level_probability = 0"),
         (SubsetPlan(correlation=1.0), "correlation = 1"),
-        (SubsetPlan(per_level=10, share=0.1), "1 chains"),
-        (SubsetPlan(per_level=101, share=0.1), "divide evenly"),
+        (SubsetPlan(per_level=10, level_probability=0.1), "1 chains"),
+        (SubsetPlan(per_level=101, level_probability=0.1), "divide evenly"),
     ],
 )
 def test_bad_subset_plans_are_named(plan, match):

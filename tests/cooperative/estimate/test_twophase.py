@@ -24,7 +24,7 @@ from cooperative.estimate._audit import (
 )
 from cooperative.estimate._estimates import count_interval
 from cooperative.estimate._logistic import fit_logistic, predict_logistic
-from cooperative.estimate._twophase import share_by_order, target_share
+from cooperative.estimate._twophase import target_weights, weights_by_order
 
 
 def pair(count, pf, correlation, seed):
@@ -90,7 +90,13 @@ def test_the_ordered_estimate_is_exactly_unbiased(outcome):
             known[rank] = True
         groups = np.array([0, 1, 1, 2])
         result = audit_total(
-            waves, outcome, np.zeros(0, int), weight=weight, model=first_model, share=share_by_order(0, 2), group=groups
+            waves,
+            outcome,
+            np.zeros(0, int),
+            weight=weight,
+            model=first_model,
+            draw_weight=weights_by_order(0, 2),
+            group=groups,
         )
         by_group += probability * result.by_group
         assert result.by_group.sum() == pytest.approx(result.total)
@@ -160,7 +166,7 @@ def test_a_target_stops_the_audit_early():
     assert target.refined_runs < 100
     # What the target does not need before the budget ends is shared out as without one.
     unmet = two_phase_module._replay(Population(displacement), answers(failed), AuditPlan(runs=40, target_cov=0.01))
-    np.testing.assert_allclose(unmet.share, share_by_order(0, 40) / share_by_order(0, 40).sum())
+    np.testing.assert_allclose(unmet.draw_weight, weights_by_order(0, 40) / weights_by_order(0, 40).sum())
 
 
 @given(st.lists(st.floats(0.0, 0.2), min_size=30, max_size=30), st.integers(9, 200), st.integers(1, 12), st.booleans())
@@ -168,7 +174,7 @@ def test_shares_add_up_to_one_whatever_the_target_needs(needed, budget, size, ea
     rest, drawn, shares = 1.0, 0, []
     for need in itertools.cycle(needed):
         some = min(size, budget - drawn)
-        share = target_share(need * early, rest, drawn=drawn, size=some, left=budget - drawn)
+        share = target_weights(need * early, rest, drawn=drawn, size=some, left=budget - drawn)
         assert 0 < share.size <= some
         assert np.all(share > 0)
         shares.append(share)
@@ -177,13 +183,15 @@ def test_shares_add_up_to_one_whatever_the_target_needs(needed, budget, size, ea
             break
     assert np.concatenate(shares).sum() == pytest.approx(1.0)
     if not early:
-        np.testing.assert_allclose(np.concatenate(shares), share_by_order(0, budget) / share_by_order(0, budget).sum())
+        np.testing.assert_allclose(
+            np.concatenate(shares), weights_by_order(0, budget) / weights_by_order(0, budget).sum()
+        )
 
 
 @pytest.mark.parametrize("failing", [{1, 3}, {5}])
 def test_an_audit_that_ends_by_its_target_is_exactly_unbiased(failing, monkeypatch):
     # All orders of draws, each weighed by its probability: the audit looks after every wave whether it may end.
-    count, plan = 6, AuditPlan(runs=5, target_cov=0.8, first_wave=2, growth=1.0, proving=2)
+    count, plan = 6, AuditPlan(runs=5, target_cov=0.8, first_wave=2, growth=1.0, exploration=2)
     population, outcome = Population(np.exp(-np.arange(float(count)))), {n: n in failing for n in range(count)}
 
     def drawing(ordered):
@@ -203,7 +211,7 @@ def test_an_audit_that_ends_by_its_target_is_exactly_unbiased(failing, monkeypat
 
     # It is so whatever the model and the shares of the first wave.
     monkeypatch.setattr(
-        two_phase_module, "share_by_order", lambda drawn, size: 1 / np.arange(drawn + 1, drawn + size + 1)
+        two_phase_module, "weights_by_order", lambda drawn, size: 1 / np.arange(drawn + 1, drawn + size + 1)
     )
     monkeypatch.setattr(two_phase_module, "fit_logistic", lambda score, failed, centre: (failed.sum() - 1.0, 2.0))
     ways = {}
@@ -249,7 +257,7 @@ def test_nothing_known_and_no_refined_failure_are_noted():
         (AuditPlan(runs=1), "runs = 1"),
         (AuditPlan(runs=50, floor=0.0), "floor = 0.0"),
         (AuditPlan(runs=50, growth=-1), "growth = -1"),
-        (AuditPlan(runs=50, proving=-1), "proving = -1"),
+        (AuditPlan(runs=50, exploration=-1), "exploration = -1"),
         (AuditPlan(runs=50, target_cov=0.0), "target_cov = 0.0"),
     ],
 )

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.stats import hypergeom
 
 from cooperative.estimate import AuditPlan, Population, TwoPhase, Zone, draw_samples, exact_limit, two_phase
-from cooperative.estimate._alike import even_chance, even_limit, missed
 from cooperative.estimate._audit import UNPROVEN, Wave, draw_wave
+from cooperative.estimate._one_outcome import even_chance, even_limit, missed
 from cooperative.estimate._twophase import path
 
 COUNTS = ((10, 10), (60, 12), (60, 20), (60, 60), (200, 40), (750, 60), (750, 150))
@@ -64,7 +64,7 @@ def test_runs_that_all_end_alike_leave_at_most_half_more_open_than_as_many_even_
     assert 1 - every.interval[0] == pytest.approx(none.interval[1])
     assert exact_limit(runs) * (1 - 1e-9) <= none.interval[1] <= 1.5 * exact_limit(runs)
     assert none.sampling_interval == (0.0, pytest.approx(exact_limit(samples)))
-    assert none.unseen == (none.interval[1] if runs < samples else 0.0)
+    assert none.hidden_limit == (none.interval[1] if runs < samples else 0.0)
 
 
 @settings(max_examples=30, deadline=None)

@@ -93,8 +93,8 @@ def even_limit(
     count = np.arange(most + 1)
     none = missed(chance, np.maximum(count - certain, 0), unanswered)
 
-    def left(share: float) -> float:
-        return float(binom.pmf(count, samples, share) @ none) - (1 - level)
+    def left(proportion: float) -> float:
+        return float(binom.pmf(count, samples, proportion) @ none) - (1 - level)
 
     return float(brentq(left, 0.0, 1.0, xtol=1e-15, rtol=1e-10)) if left(1.0) < 0 else 1.0
 
@@ -135,7 +135,7 @@ def ranked_limit(
     chains: Chains | None = None,
     level: float,
 ) -> float:
-    """Upper limit of P_f where no draw has met a failure, for an audit that trusts the ranks (proving = 0).
+    """Upper limit of P_f where no draw has met a failure, for an audit that trusts the ranks (exploration = 0).
 
     It presumes that failures rank above all that stands but what was drawn: it is the weight of the first ranks of
     which the draws would have met one with a probability of `level`. The weight of ranks is itself an estimate where
@@ -163,18 +163,18 @@ def ranked_limit(
             log_missed += np.log1p(-np.minimum(reached / ratio, 1 - NEVER))
     first = min(int((log_missed > np.log(1 - level)).sum()), weight.size - 1)
     ranks = np.arange(first + 1)
-    share = float(weight[ranks].sum())
+    proportion = float(weight[ranks].sum())
     if replicate is None:
-        return min(share + exact_limit(weight.size, level), earlier)
+        return min(proportion + exact_limit(weight.size, level), earlier)
     weights = np.bincount(np.unique(replicate, return_inverse=True)[1][ranks], weight[ranks], np.unique(replicate).size)
-    square, freedom = float(weights.var(ddof=1)) * weights.size / share**2, weights.size - 1.0
+    square, freedom = float(weights.var(ddof=1)) * weights.size / proportion**2, weights.size - 1.0
     if chains is not None:
         square = max(square, chains.relative_variance((np.arange(weight.size) <= first).astype(float)))
         freedom = max(freedom, LEAST_FREEDOM)
-    return min(lognormal_limits(share, float(np.sqrt(square)), freedom, 2 * level - 1)[1], 1.0, earlier)
+    return min(lognormal_limits(proportion, float(np.sqrt(square)), freedom, 2 * level - 1)[1], 1.0, earlier)
 
 
-def limit_alike(
+def limit_of_one_outcome(
     population: Population,
     waves: Sequence[Wave],
     *,
@@ -183,7 +183,7 @@ def limit_alike(
     replicate: np.ndarray | None,
     chains: Chains | None = None,
     unanswered: tuple[int, int],
-    proving: int,
+    exploration: int,
     level: float,
 ) -> float:
     """Upper limit of the probability of what no refined run showed.
@@ -196,13 +196,13 @@ def limit_alike(
         replicate: by rank (N,), None for independent samples.
         chains: by rank, None where they are not known.
         unanswered: runs without an answer: draws, and others.
-        proving: 0 trusts the ranks.
+        exploration: 0 trusts the ranks.
         level: confidence level of the limit.
     """
     uncertain, certain = unanswered
     if known.all() and not uncertain + certain and population.zones is None and replicate is None:
         return exact_limit(population.size, level)
-    if not proving:
+    if not exploration:
         return ranked_limit(waves, known, weight, replicate, chains=chains, level=level)
     chance = even_chance(waves)
     if population.zones is not None:
