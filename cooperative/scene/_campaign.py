@@ -53,7 +53,7 @@ from jaxmpm.support.text import shown
 from jaxmpm.support.values import by_value
 
 if TYPE_CHECKING:
-    from cooperative.scene._flow import Flowing
+    from cooperative.scene._flow import CampaignFlow
     from jaxmpm.seepage import PressureInTime
 
 WEIGHTS = ("unit_weight", "saturated_unit_weight")
@@ -246,11 +246,11 @@ class Campaign(Part):
         return replace(self, rain=replace(self.rain, at=at))
 
     @cached_property
-    def flowing(self) -> Flowing:
+    def flowing(self) -> CampaignFlow:
         """The flow of its water, to be solved with one conductivity or another."""
-        from cooperative.scene._flow import Flowing
+        from cooperative.scene._flow import CampaignFlow
 
-        return Flowing.of(self)
+        return CampaignFlow.of(self)
 
     @cached_property
     def flow(self) -> PressureInTime:

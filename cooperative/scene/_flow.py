@@ -253,7 +253,7 @@ def flow_of(campaign: Campaign) -> PressureInTime:
 
 
 @dataclass(frozen=True)
-class Flowing:
+class CampaignFlow:
     """The flow of a campaign, to be solved with one conductivity or another.
 
     Args:
@@ -277,7 +277,7 @@ class Flowing:
     initial: np.ndarray
 
     @classmethod
-    def of(cls, campaign: Campaign) -> Flowing:
+    def of(cls, campaign: Campaign) -> CampaignFlow:
         """The flow of a campaign; ValueError where ground, soil and water do not go together."""
         table = campaign.seepage
         assert table is not None

@@ -282,7 +282,7 @@ def _check_rising(values: tuple[float, ...], where: str, unit: str) -> None:
 
 
 @table
-class Chart(Part):
+class ChartedLoads(Part):
     """Loads of `jaxmpm seepage --chart`: rain of each rate and duration, or drawdowns at each rate.
 
     A drawdown goes from the first level to the lowest.
@@ -369,7 +369,7 @@ class Seepage(Part):
         "Edges of a cell of the flow.", [1.0, 0.5], None, otherwise="the cell of the refined grid, half of it upright"
     )
     tolerance: AboveZero = key("Error of a step in water content.", 0.005, 0.005)
-    chart: Chart | None = key(
+    chart: ChartedLoads | None = key(
         "Loads of `jaxmpm seepage --chart` in place of `rate`, or of `level`, and `times`; `[rain.chart]`.",
         {"rates": ["5 mm/h", "10 mm/h"], "durations": ["6 h", "24 h"]}, None, otherwise="none",
     )  # fmt: skip

@@ -61,7 +61,7 @@ class InTime:
 
 
 @dataclass(frozen=True)
-class State:
+class WaterState:
     """The ground under the pore pressure of a time.
 
     Args:
@@ -81,11 +81,11 @@ class State:
 
 
 @dataclass
-class Runner:
+class StateRunner:
     """Runs samples in states of the ground: on models in this process, or by workers."""
 
     campaign: Campaign
-    states: Sequence[State]
+    states: Sequence[WaterState]
     kept: Kept
     workers: runs.Workers | None
     stop: runs.Stop
@@ -151,7 +151,7 @@ def probability_in_time(
     audited = audited_samples(campaign, refined_runs)
     assert campaign.seepage is not None
     times = campaign.seepage.times
-    states = [State(in_hours(time), campaign, time) for time in times]
+    states = [WaterState(in_hours(time), campaign, time) for time in times]
     with running(campaign, states, folder, workers) as runner:
         factors = screened(runner, progress)
         lows = [record_lows(each) for each in factors]
@@ -183,15 +183,19 @@ def audited_samples(campaign: Campaign, refined_runs: int | None) -> int:
 
 
 @contextmanager
-def running(campaign: Campaign, states: Sequence[State], folder: Path, workers: int) -> Iterator[Runner]:
+def running(campaign: Campaign, states: Sequence[WaterState], folder: Path, workers: int) -> Iterator[StateRunner]:
     """A runner whose answers the folder keeps, until the block ends."""
     pool = None if workers == 1 else runs.Workers(partial(runs.process_pool, workers), workers, ahead=workers)
     with runs.stop_by_signals() as stop, closing(pool) if pool else nullcontext():
-        yield Runner(campaign, states, Kept.opened(folder, campaign, len(states)), pool, stop)
+        yield StateRunner(campaign, states, Kept.opened(folder, campaign, len(states)), pool, stop)
 
 
 def first_failures(
-    runner: Runner, factors: np.ndarray, chains: Sequence[Sequence[int]], audited: int, progress: Callable[[str], None]
+    runner: StateRunner,
+    factors: np.ndarray,
+    chains: Sequence[Sequence[int]],
+    audited: int,
+    progress: Callable[[str], None],
 ) -> tuple[np.ndarray, dict[int, int]]:
     """The state of its chain in which each sample fails first, on the rough grid and of some on the refined one.
 
@@ -234,7 +238,7 @@ def noted(estimates: Sequence[Estimate], rough: np.ndarray, refined: Mapping[int
 
 
 def _first(
-    runner: Runner, grid: str, numbers: Sequence[int], chains: Sequence[Sequence[int]], guesses: Sequence[int],
+    runner: StateRunner, grid: str, numbers: Sequence[int], chains: Sequence[Sequence[int]], guesses: Sequence[int],
     progress: Callable[[str], None],
 ) -> np.ndarray:  # fmt: skip
     """The state in which each sample fails first on a grid, by rounds in which each is asked in one of them."""
@@ -273,7 +277,7 @@ def _first(
     )
 
 
-def screened(runner: Runner, progress: Callable[[str], None]) -> np.ndarray:
+def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray:
     """Factor of safety of each sample in each state, on critical surfaces of the mean soil; nan where it has none."""
     samples, count = runner.campaign.plan.samples, len(runner.states)
     if (known := runner.kept.factors) is not None:

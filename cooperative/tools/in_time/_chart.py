@@ -15,7 +15,7 @@ import numpy as np
 
 from cooperative.estimate import Estimate, fails_under, falling_chain, on_chart
 from cooperative.scene import Campaign, Drawdown, Rain
-from cooperative.tools.in_time._answer import State, audited_samples, first_failures, noted, running, screened
+from cooperative.tools.in_time._answer import WaterState, audited_samples, first_failures, noted, running, screened
 from cooperative.tools.seepage import MM_PER_HOUR, in_hours
 from jaxmpm.support.text import printable
 
@@ -49,11 +49,11 @@ class Load:
         return f"{MM_PER_HOUR * self.rate:.3g} mm/h for {in_hours(self.duration)}"
 
     @property
-    def states(self) -> list[State]:
+    def states(self) -> list[WaterState]:
         """In which samples are asked under it, one for each of its times."""
         table = self.campaign.seepage
         assert table is not None
-        return [State(f"{in_hours(time)} of {self.words}", self.campaign, time) for time in table.times]
+        return [WaterState(f"{in_hours(time)} of {self.words}", self.campaign, time) for time in table.times]
 
 
 @dataclass(frozen=True)

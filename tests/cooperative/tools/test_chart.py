@@ -57,7 +57,7 @@ def asked(monkeypatch):
             yield number, bool(runner.kept.factors[number, at] < {"rough": 1.03, "refined": 1.0}[grid])
 
     monkeypatch.setattr(_chart, "screened", screened)
-    monkeypatch.setattr(_answer.Runner, "ask", ask)
+    monkeypatch.setattr(_answer.StateRunner, "ask", ask)
     return record
 
 

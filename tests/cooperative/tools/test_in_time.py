@@ -36,7 +36,7 @@ def asked(monkeypatch):
             record.append((grid, at, number))
             yield number, bool(factors[number, at] < {"rough": 1.16, "refined": 1.13}[grid])
 
-    monkeypatch.setattr(_answer.Runner, "ask", ask)
+    monkeypatch.setattr(_answer.StateRunner, "ask", ask)
     return record
 
 
