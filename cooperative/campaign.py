@@ -185,15 +185,16 @@ class Runner:
         # A coarse run gives a rank alone, a refined one its class unless it slides.
         if grid == COARSE or (grid == "refined" and plan.slides is not None and not slides):
             limit = self.campaign.run.failure_displacement
+        rules = self.campaign.rules(limit)
         if self.workers is not None:
             ended = runs.run_through(
-                self.workers, self.packed, grid, numbers, coefficients, stop_at=limit, slides=slides,
+                self.workers, self.packed, grid, numbers, coefficients, rules=rules, slides=slides,
                 folder=folder, check=self.stop.check,
             )  # fmt: skip
         else:
             ended = runs.run_samples(
                 self.models[grid], coefficients, numbers, width=plan.look_ahead if grid == "refined" else plan.lanes,
-                stop_at=limit, restart_in=folder if grid == "refined" else None, stop=self.stop.requested,
+                rules=rules, restart_in=folder if grid == "refined" else None, stop=self.stop.requested,
                 slides=slides,
             )  # fmt: skip
         for sample in ended:

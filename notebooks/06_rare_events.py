@@ -49,7 +49,9 @@ position, half_size = np.asarray(model.scene.particles.position), model.half_siz
 def fails(xi: np.ndarray) -> np.ndarray:
     """Coefficients (n, modes) -> whether each sample's largest displacement exceeds 1 m, by whole runs."""
     table = np.asarray(xi, np.float32)
-    rows = {s.number: s.row for s in runs.run_samples(model, table, range(len(table)), stop_at=limit)}
+    rows = {
+        s.number: s.row for s in runs.run_samples(model, table, range(len(table)), rules=model.campaign.rules(limit))
+    }
     return np.array([bool(rows[n]["broke_off"]) or float(rows[n]["displacement"]) > limit for n in range(len(table))])
 
 

@@ -85,11 +85,11 @@ def read() -> dict[str, dict[int, Run]]:
 class Watched:
     """What the early rule decides about runs that go on.
 
-    early: the rule. stop_at: displacement of a failure (m).
+    early: the rule. limit: displacement of a failure (m).
     """
 
-    def __init__(self, scene: Scene, early: Early, stop_at: float, least_volume: float | None) -> None:
-        self.scene, self.early, self.stop_at, self.least_volume = scene, early, stop_at, least_volume
+    def __init__(self, scene: Scene, early: Early, limit: float, least_volume: float | None) -> None:
+        self.scene, self.early, self.limit, self.least_volume = scene, early, limit, least_volume
         self.memory: dict[int, tuple[np.ndarray, float]] = {}
         self.decided: dict[int, tuple[str, float, float]] = {}
 
@@ -105,7 +105,7 @@ class Watched:
             return
         if stands:
             self.decided[sample] = Status.SETTLED.name, seconds, float(displacement)
-        elif speeds_up and projected > self.stop_at:
+        elif speeds_up and projected > self.limit:
             self.decided[sample] = Status.DECIDED.name, seconds, projected
 
 

@@ -91,7 +91,7 @@ def _rows(name: str, case: Case, with_rule: set[int], without: set[int]) -> Iter
     for sample in range(max(with_rule, default=-1) + 1, len(coefficients)):
         if slid >= case.slides:
             break
-        (first,) = runs.run_samples(ruled, coefficients, [sample], width=1, stop_at=limit)
+        (first,) = runs.run_samples(ruled, coefficients, [sample], width=1, rules=ruled.campaign.rules(limit))
         if float(first.row["displacement"]) <= limit:
             continue
         slid += 1

@@ -30,7 +30,7 @@ def screened(campaign: Any, count: int) -> dict[str, Any]:
     coefficients = runs.coefficients_of(campaign, soil)
     chunks: list[Chunk] = []
     # Compile outside the clock: it is paid once a campaign, not once a sample.
-    next(iter(runs.run_samples(model, coefficients, [0], width=1, stop_at=1e-9)))
+    next(iter(runs.run_samples(model, coefficients, [0], width=1, rules=campaign.rules(1e-9))))
     seconds = {"storing": 0.0}
     rows = []
     with tempfile.TemporaryDirectory() as folder, open_store(f"{folder}/screening", campaign.source) as store:
@@ -40,7 +40,7 @@ def screened(campaign: Any, count: int) -> dict[str, Any]:
             coefficients,
             range(count),
             width=campaign.plan.lanes,
-            stop_at=campaign.plan.screening_stop,
+            rules=campaign.rules(campaign.plan.screening_stop),
             on_chunk=chunks.append,
         ):
             clock = time.perf_counter()

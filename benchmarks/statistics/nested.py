@@ -181,9 +181,12 @@ def main(end: str, count: str) -> None:
     before = {run.sample: outcome.displacement for run, outcome in rows.items() if run.grid == "rough"}
     numbers = list(before)[: int(count)]
     stop = campaign.run.failure_displacement
-    list(run_samples(model, coefficients, numbers[:1], stop_at=stop))
+    list(run_samples(model, coefficients, numbers[:1], rules=model.campaign.rules(stop)))
     begun = time.process_time()
-    ended = {sample.number: sample.result[0] for sample in run_samples(model, coefficients, numbers, stop_at=stop)}
+    ended = {
+        sample.number: sample.result[0]
+        for sample in run_samples(model, coefficients, numbers, rules=model.campaign.rules(stop))
+    }
     spent = time.process_time() - begun
     scores = [norm.ppf((rankdata([of[n] for n in numbers]) - 0.5) / len(numbers)) for of in (ended, before)]
     answer = {

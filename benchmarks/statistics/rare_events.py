@@ -36,7 +36,10 @@ def displacements(model: runs.GridModel) -> Callable[[np.ndarray], np.ndarray]:
     def run(coefficients: np.ndarray) -> np.ndarray:
         table = np.asarray(coefficients, np.float32)
         limit = model.campaign.run.failure_displacement
-        done = {s.number: s.row for s in runs.run_samples(model, table, range(len(table)), stop_at=limit)}
+        done = {
+            s.number: s.row
+            for s in runs.run_samples(model, table, range(len(table)), rules=model.campaign.rules(limit))
+        }
         rows = [done[number] for number in range(len(table))]
         return np.array([np.inf if row["broke_off"] else row["displacement"] for row in rows])
 

@@ -122,7 +122,7 @@ def outcome_of(run: Run, folder: Path, stop: Callable[[], bool] = lambda: False)
     campaign, model, coefficients = _built(run.case, run.grid, run.reduction)
     own, numbers = {run.sample: coefficients[run.sample]}, [run.sample]
     if run.until == "class":
-        (sample,) = run_samples(model, own, numbers, stop_at=campaign.run.failure_displacement, stop=stop)
+        (sample,) = run_samples(model, own, numbers, rules=campaign.rules(campaign.run.failure_displacement), stop=stop)
     else:
         with open_store(folder, campaign.source):
             (sample,) = run_samples(model, own, numbers, restart_in=folder, stop=stop)

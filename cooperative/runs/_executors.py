@@ -17,7 +17,7 @@ import pickle
 import sys
 import warnings
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
@@ -33,6 +33,7 @@ from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import Campaign
 from cooperative.store import FinishedRun
+from jaxmpm.run import Rule
 from jaxmpm.support.pytrees import PYTREES, pytree
 from jaxmpm.support.values import by_value
 
@@ -127,7 +128,7 @@ def run_sample(
     grid: str,
     number: int,
     coefficients: np.ndarray,
-    stop_at: float | None,
+    rules: Sequence[Rule] | None,
     slides: bool = False,
     folder: Path | None = None,
 ) -> FinishedRun | None:
@@ -138,7 +139,7 @@ def run_sample(
         grid: "rough" or "refined".
         number: of the sample.
         coefficients: of the sample (terms,).
-        stop_at: displacement (m) at which the run ends, None for none.
+        rules: see `run_samples`.
         slides: see `run_samples`.
         folder: of the campaign, for the grid's initial stress and restart points of refined runs.
 
@@ -153,7 +154,7 @@ def run_sample(
     one, model = {number: coefficients}, _prepared(campaign.key, grid, folder)
     restart_in = folder if grid == "refined" else None
     return next(
-        run_samples(model, one, one, width=1, stop_at=stop_at, restart_in=restart_in, stop=_unwanted, slides=slides)
+        run_samples(model, one, one, width=1, rules=rules, restart_in=restart_in, stop=_unwanted, slides=slides)
     )
 
 
@@ -239,7 +240,7 @@ def run_through(
     numbers: Iterable[int],
     coefficients: np.ndarray,
     *,
-    stop_at: float | None = None,
+    rules: Sequence[Rule] | None = None,
     slides: bool = False,
     folder: Path | None = None,
     check: Callable[[], None] = lambda: None,
@@ -256,7 +257,7 @@ def run_through(
         grid: "rough" or "refined".
         numbers: of the samples.
         coefficients: of all samples (n, terms).
-        stop_at: as for `run_sample`.
+        rules: see `run_samples`.
         slides: as for `run_sample`.
         folder: of the campaign, where workers find the initial stress and keep restart points; one that does not see it
             solves for the stress, and keeps none.
@@ -278,7 +279,7 @@ def run_through(
     def submit(number: int, packed: Packed = key_alone) -> None:
         nonlocal broken, refused
         try:
-            future = workers.submit(run_sample, packed, grid, number, coefficients[number], stop_at, slides, folder)
+            future = workers.submit(run_sample, packed, grid, number, coefficients[number], rules, slides, folder)
             refused = 0
         except BrokenExecutor as error:
             broken, refused = True, refused + 1

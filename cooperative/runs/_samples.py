@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import tee
 from operator import itemgetter
@@ -27,7 +27,7 @@ from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import MOVING, SLIDES, FinishedRun, Scalar, stored_source
 from jaxmpm import Face, Result, Status, passing, solve_each
-from jaxmpm.run import Chunk, Early, Midway
+from jaxmpm.run import Chunk, Early, Midway, Rule
 
 GROUND = "column_ground"
 """Field of a slide: how far the ground of each column has moved (m), the largest displacement of what was its top."""
@@ -44,7 +44,7 @@ def run_samples(
     numbers: Iterable[int],
     *,
     width: int | None = None,
-    stop_at: float | None = None,
+    rules: Sequence[Rule] | None = None,
     on_chunk: Callable[[Chunk], None] | None = None,
     restart_in: Path | None = None,
     stop: Asked = lambda: False,
@@ -57,7 +57,7 @@ def run_samples(
         coefficients: (modes,) of each number.
         numbers: of the samples.
         width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere.
-        stop_at: displacement (m) at which a run ends, None for none.
+        rules: that end a run before its end time, by default `model.campaign.rules()`.
         on_chunk: called after every chunk of steps.
         restart_in: folder of the campaign, where runs longer than `restart_every` write restart points and go on from
             those that are there; None, or a folder that is not there, is for runs without.
@@ -96,7 +96,7 @@ def run_samples(
     varied = {name: map(itemgetter(name), soil_of_sample) for name, soil_of_sample in zip(names, soils, strict=True)}
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=drawn_numbers, width=width, t_end=run.t_end,
-        rules=model.campaign.rules(stop_at), slides_end=model.slides_end, on_chunk=looked,
+        rules=model.campaign.rules() if rules is None else rules, slides_end=model.slides_end, on_chunk=looked,
         observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
     ):  # fmt: skip
         lane = under_way.lanes.pop(number)

@@ -265,15 +265,15 @@ class Campaign(Part):
         run = self.run
         return {"gravity": run.gravity, "k_h": run.k_h or None, "k_v": run.k_v or None, "motion": self.shaking}
 
-    def rules(self, stop_at: float | None = None) -> tuple[Rule, ...]:
+    def rules(self, limit: float | None = None) -> tuple[Rule, ...]:
         """What ends one of its runs before its end time.
 
         Args:
-            stop_at: displacement (m) that decides its class, None where more than the class is asked for.
+            limit: displacement (m) that decides its class, None where more than the class is asked for.
         """
         shaken, softens = self.motion is not None, self.site.softens_linearly(self.soil)
-        early = self.run.early_rule(stop_at, softens=softens, shaken=shaken)
-        rules = self.run.settling, None if stop_at is None else Exceeds(stop_at), early
+        early = self.run.early_rule(limit, softens=softens, shaken=shaken)
+        rules = self.run.settling, None if limit is None else Exceeds(limit), early
         return tuple(replace(rule, least_volume=self.failing_volume) for rule in rules if rule is not None)
 
     @cached_property

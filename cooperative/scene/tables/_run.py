@@ -127,17 +127,17 @@ class Run(Part):
         """The rule by which a lane settles, none where none does."""
         return [] if self.settling is None else [self.settling]
 
-    def early_rule(self, stop_at: float | None, *, softens: bool, shaken: bool) -> Early | None:
+    def early_rule(self, limit: float | None, *, softens: bool, shaken: bool) -> Early | None:
         """The rule by which the class of a run is known early, None where that does not hold.
 
         Args:
-            stop_at: displacement (m) that decides the class, None where more than the class is asked for.
+            limit: displacement (m) that decides the class, None where more than the class is asked for.
             softens: whether all soil does, linearly.
             shaken: whether the base moves.
         """
-        if stop_at is None or self.early is False or self._never_early(softens, shaken):
+        if limit is None or self.early is False or self._never_early(softens, shaken):
             return None
-        return Early(self.t_end, stop_at)
+        return Early(self.t_end, limit)
 
     def check_early(self, *, softens: bool, shaken: bool) -> None:
         """Raise ValueError for `early` where its rule does not hold.

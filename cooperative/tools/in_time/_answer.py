@@ -106,16 +106,17 @@ class StateRunner:
         """Whether samples fail in a state, None for runs that broke off."""
         limit = self.campaign.run.failure_displacement
         resting = self.states[at].resting
+        rules = resting.rules(limit)
         if self.workers is not None:
             packed = runs.packed(resting)
             ended = runs.run_through(
-                self.workers, packed, grid, numbers, self.coefficients, stop_at=limit, check=self.stop.check
+                self.workers, packed, grid, numbers, self.coefficients, rules=rules, check=self.stop.check
             )
         else:
             if (grid, at) not in self.models:
                 self.models[grid, at] = runs.build(resting, grid, self.soil)
             model = self.models[grid, at]
-            ended = runs.run_samples(model, self.coefficients, numbers, stop_at=limit, stop=self.stop.requested)
+            ended = runs.run_samples(model, self.coefficients, numbers, rules=rules, stop=self.stop.requested)
         for sample in ended:
             displacement, broke_off = sample.result
             yield sample.number, None if broke_off and displacement <= limit else displacement > limit

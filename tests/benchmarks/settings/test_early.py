@@ -34,7 +34,9 @@ def test_the_rule_on_the_side_gives_what_a_campaign_does():
     campaign = replace(campaign, plan=replace(campaign.plan, samples=case.samples))
     soil = runs.random_soil(campaign)
     model, coefficients = runs.build(campaign, case.grid, soil), runs.coefficients_of(campaign, soil)
-    samples = list(runs.run_samples(model, coefficients, numbers, width=1, stop_at=campaign.run.failure_displacement))
+    samples = list(
+        runs.run_samples(model, coefficients, numbers, width=1, rules=campaign.rules(campaign.run.failure_displacement))
+    )
     rows = [dict(zip(list(early_runs.COLUMNS)[1:], row, strict=True)) for row in early_runs._rows(case, numbers)]
     assert {sample.status for sample in samples} == {Status.DECIDED.name, Status.SETTLED.name}
     for sample, row in zip(samples, rows, strict=True):

@@ -21,11 +21,13 @@ def model():
     return runs.build(campaign, "rough", runs.random_soil(campaign))
 
 
-def rows(model, stop_at, **changes):
+def rows(model, limit, **changes):
     campaign = replace(model.campaign, run=replace(model.campaign.run, **changes))
     coefficients = runs.coefficients_of(campaign, model.soil)
     numbers = range(campaign.plan.samples)
-    ran = runs.run_samples(replace(model, campaign=campaign), coefficients, numbers, width=1, stop_at=stop_at)
+    ran = runs.run_samples(
+        replace(model, campaign=campaign), coefficients, numbers, width=1, rules=campaign.rules(limit)
+    )
     return sorted(ran, key=lambda sample: sample.number)
 
 

@@ -37,6 +37,7 @@ from cooperative.store import (
     restart_path,
     write_sample,
 )
+from jaxmpm import Exceeds
 from tests.cooperative.campaign.test_campaign import TINY
 
 SCENE = TINY.replace("k_t = 2", "k_t = 4")
@@ -350,10 +351,11 @@ FULL = invented.SCENE.replace("samples = 50", "samples = 120\nslides = 8").repla
 def deciding(made_up):
     """Made-up runs that end once they have failed, where only their class is asked for."""
 
-    def run_samples(*arguments, stop_at=None, **choices):
+    def run_samples(*arguments, rules=(), **choices):
+        limit = next((rule.displacement for rule in rules if isinstance(rule, Exceeds)), np.inf)
         for sample in invented.run_samples(*arguments, **choices):
-            if arguments[0].grid == "refined" and stop_at is not None and sample.row["displacement"] > stop_at:
-                cut = dict.fromkeys(("depth", "runout", "volume", "area"), np.nan) | {"displacement": 1.01 * stop_at}
+            if arguments[0].grid == "refined" and sample.row["displacement"] > limit:
+                cut = dict.fromkeys(("depth", "runout", "volume", "area"), np.nan) | {"displacement": 1.01 * limit}
                 sample = replace(sample, status="DECIDED", row=sample.row | cut, fields={})
             yield sample
 
