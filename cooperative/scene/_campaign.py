@@ -505,9 +505,9 @@ def check_moving(campaign: Campaign) -> None:
         rule = f"is given beside {name}, whose pressure is not that of consolidation"
         raise Invalid(("strength_ratio",), None, rule, "give strength")
     parameters = [name for random in (campaign.random, *(layer.random for layer in site.layers)) for name in random]
-    if varies := [name for name in parameters if name in WEIGHTS]:
+    if weights := [parameter for parameter in parameters if parameter in WEIGHTS]:
         rule = f"varies beside {name}, in which weight follows the water"
-        raise Invalid((varies[0],), None, rule, "give it as a number")
+        raise Invalid((weights[0],), None, rule, "give it as a number")
     names = [layer.name for layer in site.layers]
     for number, layer in enumerate(table.layer):
         if layer.name not in names:
