@@ -47,10 +47,10 @@ def keep_compiled(parent: Path | None = None) -> Path | None:
         parent = platformdirs.user_cache_path("jaxmpm") if parent is None else parent
         os.environ[VARIABLE] = str(parent / machine())
         jax.config.update("jax_compilation_cache_dir", os.environ[VARIABLE])
-        for name, value in (("min_compile_time_secs", SHORTEST), ("min_entry_size_bytes", 0)):
-            if os.environ.setdefault(f"JAX_PERSISTENT_CACHE_{name.upper()}", str(value)) == str(value):
-                jax.config.update(f"jax_persistent_cache_{name}", value)
         delete_damaged(Path(os.environ[VARIABLE]))
+    for name, value in (("min_compile_time_secs", SHORTEST), ("min_entry_size_bytes", 0)):
+        if os.environ.setdefault(f"JAX_PERSISTENT_CACHE_{name.upper()}", str(value)) == str(value):
+            jax.config.update(f"jax_persistent_cache_{name}", value)
     return Path(os.environ[VARIABLE])
 
 

@@ -54,6 +54,19 @@ def test_the_users_own_choice_of_folder_stands_and_off_is_off(tmp_path):
     assert not (tmp_path / "ours").exists()
 
 
+def test_short_programs_are_kept_in_a_folder_of_the_users_own_too(monkeypatch, tmp_path):
+    given = {}
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    for name in ("MIN_COMPILE_TIME_SECS", "MIN_ENTRY_SIZE_BYTES"):
+        monkeypatch.delenv(f"JAX_PERSISTENT_CACHE_{name}", raising=False)
+    monkeypatch.setattr(compiled.jax.config, "update", given.__setitem__)
+    assert compiled.keep_compiled() == tmp_path
+    assert given == {
+        "jax_persistent_cache_min_compile_time_secs": 0.0,
+        "jax_persistent_cache_min_entry_size_bytes": 0,
+    }
+
+
 @pytest.mark.parametrize("other", ["processor", "library"])
 def test_another_machine_or_another_build_has_another_folder(other, monkeypatch, tmp_path):
     here = machine()
