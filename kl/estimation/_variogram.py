@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from jax.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from kl._checks import require
 from kl._values import by_value
@@ -154,5 +153,7 @@ def fit_variogram(empirical: Variogram, family: Callable[[float], Covariance], *
     bounds = np.log([lag[0] / 100, top / 1e3, top * 1e-9]), np.log([lag[-1] * 100, top * 1e3, top * 2])
     size = 3 if nugget else 2
     starts = (np.log([share * lag[-1], top, top / 20])[:size] for share in (0.03, 0.1, 0.3, 1.0))
+    from scipy.optimize import least_squares  # takes a third of a second, which only fits need
+
     found = [least_squares(misfit, start, bounds=[each[:size] for each in bounds]) for start in starts]
     return model(min(found, key=lambda each: each.cost).x)

@@ -21,7 +21,6 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 from scipy.special import gammaincinv, ndtri
-from scipy.stats import qmc
 
 from kl._checks import positive, pytree, require
 
@@ -119,6 +118,8 @@ def isotropic(smoothness: float, lengths: Sequence[float], *, waves: int = 1024,
         positive(name, value)
     require(isinstance(waves, int) and waves >= 2 and waves & (waves - 1) == 0, f"waves = {waves}: give a power of 2")
     dimension = len(lengths)
+    from scipy.stats import qmc  # takes half a second, which nothing else here needs
+
     uniform = qmc.Sobol(dimension + 1, seed=seed).random(waves)
     uniform = np.clip(uniform, 1e-12, 1 - 1e-12)
     normal = ndtri(uniform[:, :dimension]).T
