@@ -88,7 +88,7 @@ class GridModel:
         if shape.face is not None:
             return shape.face
         return OpenGround(
-            shape.heights(*np.asarray(self.scene.particles.position[:-1], float)), self.campaign.site.track
+            shape.heights(*np.asarray(self.scene.particles.position, float)[:-1]), self.campaign.site.track
         )
 
     @property

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jax import Array
 
@@ -16,7 +16,7 @@ from jaxmpm.grid import Grid, RigidBase, Wall
 from jaxmpm.setup import PADDING, RESOLVED
 from jaxmpm.soil import Interface, radians
 from jaxmpm.support import check
-from jaxmpm.support.tracing import at_once, host
+from jaxmpm.support.tracing import array, at_once, host
 from jaxmpm.types import Boundary
 
 Heights = Callable[..., np.ndarray]
@@ -132,11 +132,12 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     area, volume = _covered(grid, heights, on_base)
     field = volume.reshape(grid.shape)
     # Soil above a node of the base counts as reaching down to it.
-    between = at_once(lambda low, high: gap_of(jnp.asarray(low), jnp.asarray(high)), field[..., :-1], field[..., 1:])
+    between = at_once(jax.jit(gap_of), field[..., :-1], field[..., 1:])
     gap = np.pad(np.asarray(between), [(0, 0)] * (grid.dimension - 1) + [(0, 1)]).ravel()
     volume = volume / (1 - gap) ** 2
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
-    return RigidBase(*(at_once(jnp.asarray, values) for values in (vectors, area, np.where(area > 0, volume, 1.0))))
+    known = vectors, area, np.where(area > 0, volume, 1.0)
+    return RigidBase(*(array(values, jax.dtypes.canonicalize_dtype(float)) for values in known))
 
 
 def normals(heights: Heights, across: list[np.ndarray], step: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from jaxmpm.ground._base import Heights
 from jaxmpm.ground._ground import Ground
 from jaxmpm.setup import Discretisation, fill
 from jaxmpm.soil import STANDARD_GRAVITY
-from jaxmpm.support.tracing import at_once
+from jaxmpm.support.tracing import product
 
 SAMPLED = 4
 """Points along each side of a column of particles at which its surface is sampled."""
@@ -76,4 +76,4 @@ def boxes(
         corner=ground.corner, dtype=discretisation.dtype,
     )  # fmt: skip
     share_of_each = np.asarray(share.ravel()[modelled], particles.volume.dtype)
-    return replace(particles, volume=at_once(lambda volume: volume * share_of_each, particles.volume))
+    return replace(particles, volume=product(particles.volume, share_of_each))

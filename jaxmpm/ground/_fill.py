@@ -34,7 +34,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
 from jaxmpm.support import check
-from jaxmpm.support.tracing import array, at_once, require_known, taken
+from jaxmpm.support.tracing import array, product, require_known, taken
 from jaxmpm.types import Boundary, Loads, Scene, State
 
 REMEDY = (
@@ -154,7 +154,7 @@ def lattice(
     particles = taken(particles, order)
     if bedrock is not None:
         share = share_above(bedrock, position[:, order], dz).astype(particles.volume.dtype)
-        volume, mass = (at_once(lambda each: each * share, each) for each in (particles.volume, particles.mass))
+        volume, mass = (product(each, share) for each in (particles.volume, particles.mass))
         particles = replace(particles, volume=volume, mass=mass)
     return particles, law
 

@@ -16,7 +16,7 @@ from jaxmpm.ground._layer import Layer, Line
 from jaxmpm.ground._raster import Raster
 from jaxmpm.ground._strata import refuse_holes
 from jaxmpm.laws import WaterSurface, WaterTable
-from jaxmpm.setup import RESOLVED, Discretisation, below
+from jaxmpm.setup import RESOLVED, Discretisation, below, force_of_water
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
 from jaxmpm.support.check import Limit
@@ -96,7 +96,7 @@ def wet(scene: Scene) -> np.ndarray:
     if water is None:
         return np.zeros(scene.particles.mass.shape, bool)
     assert hasattr(water, "unit_weight")
-    push = np.asarray(water.push(scene.particles.position)[-1], float)
+    push = np.asarray(force_of_water(scene)[-1], float)
     return push / float(water.unit_weight) > 0.5 + RESOLVED
 
 

@@ -36,7 +36,7 @@ from jaxmpm.setup import (
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
 from jaxmpm.support import check
-from jaxmpm.support.tracing import array, at_once, require_known, taken
+from jaxmpm.support.tracing import array, product, require_known, taken
 from jaxmpm.support.values import by_value
 from jaxmpm.types import Loads, Scene, State
 
@@ -355,7 +355,7 @@ def terrain(
     pressure = pressure_on_base(r_u, layers, shape.tops(layers, x_plan, y_plan), grid.shape[-1], gravity)
     rigid = boundary_of_base(grid, bedrock, shape.interface, pressure, cut=shape.beyond(grid))
     built, state = build(
-        replace(particles, mass=at_once(lambda volume, density: volume * density, particles.volume, density)),
+        replace(particles, mass=product(particles.volume, density)),
         grid,
         law,
         discretisation,

@@ -17,6 +17,7 @@ from jaxmpm.laws._undrained import add, elastic_increment
 from jaxmpm.protocols import Tensor
 from jaxmpm.support.check import Limit
 from jaxmpm.support.pytrees import pytree
+from jaxmpm.support.tracing import zeros_like
 from jaxmpm.tensors import (
     CARRIED,
     absent,
@@ -94,7 +95,7 @@ class AnisotropicUndrained(Law):
 
     def initial_history(self, particles: Particles) -> Mobilisation:
         """Soil without plastic strain and without shear at rest."""
-        none = jnp.zeros_like(particles.mass)
+        none = zeros_like(particles.mass)
         return Mobilisation(none, (none,) * len(CARRIED[len(particles.position)]))
 
     def history_at_rest(self, history: Mobilisation, stress: Tensor) -> Mobilisation:

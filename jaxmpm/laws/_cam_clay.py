@@ -21,6 +21,7 @@ from jaxmpm.laws._undrained import add, elastic_increment
 from jaxmpm.protocols import Tensor
 from jaxmpm.support.check import Limit, above_zero
 from jaxmpm.support.pytrees import pytree
+from jaxmpm.support.tracing import zeros_like
 from jaxmpm.tensors import absent, by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
 
 NEWTON_STEPS = 10
@@ -87,7 +88,7 @@ class ModifiedCamClay(Law):
 
     def initial_history(self, particles: Particles) -> Consolidation:
         """Soil without stress at rest and without plastic strain."""
-        none = jnp.zeros_like(particles.mass)
+        none = zeros_like(particles.mass)
         return Consolidation(none, none, none)
 
     def history_at_rest(self, history: Consolidation, stress: Tensor) -> Consolidation:

@@ -27,6 +27,7 @@ from jaxmpm.laws._undrained import add, elastic_increment
 from jaxmpm.protocols import Tensor
 from jaxmpm.support.check import Limit, from_zero
 from jaxmpm.support.pytrees import pytree
+from jaxmpm.support.tracing import zeros_like
 from jaxmpm.tensors import by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
 
 PARAMETERS = {
@@ -116,7 +117,7 @@ class DruckerPrager(Law):
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""
-        return None if self.softening is None else jnp.zeros_like(particles.mass)
+        return None if self.softening is None else zeros_like(particles.mass)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None
@@ -185,7 +186,7 @@ class MohrCoulomb(Law):
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""
-        return None if self.softening is None else jnp.zeros_like(particles.mass)
+        return None if self.softening is None else zeros_like(particles.mass)
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Array | None, dt: Array | None = None

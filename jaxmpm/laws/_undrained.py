@@ -21,6 +21,7 @@ from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
 from jaxmpm.protocols import Component, Tensor
 from jaxmpm.support.check import Limit, from_zero
 from jaxmpm.support.pytrees import pytree
+from jaxmpm.support.tracing import zeros_like
 from jaxmpm.tensors import absent, by_component, deviator, mean, row_by_row, safe_sqrt, second_invariant
 
 
@@ -136,7 +137,7 @@ class J2(Law):
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""
-        return None if self.softening is None else jnp.zeros_like(particles.mass)
+        return None if self.softening is None else zeros_like(particles.mass)
 
     @property
     def steepest_softening(self) -> Array | None:

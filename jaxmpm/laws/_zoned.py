@@ -20,6 +20,7 @@ from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parame
 from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.support.check import Limit
 from jaxmpm.support.pytrees import pytree
+from jaxmpm.support.tracing import array, host, on_host
 from jaxmpm.tensors import CARRIED, absent, placed, rows
 
 Tree = TypeVar("Tree")
@@ -51,8 +52,10 @@ class Zoned:
 
     def per_particle(self, values: Sequence[ArrayLike]) -> Array:
         """One value per particle (N,) from one for each zone, a number or (n,)."""
-        pairs = zip(values, self.counts, strict=True)
-        return jnp.concatenate([jnp.broadcast_to(jnp.asarray(value), (count,)) for value, count in pairs])
+        known, numbers = on_host(tuple(values)), host(*values)
+        pairs = zip(known, self.counts, strict=True)
+        spread = [numbers.broadcast_to(numbers.asarray(value), (count,)) for value, count in pairs]
+        return array(numbers.concatenate(spread), jnp.result_type(*values))
 
     @property
     def FRICTIONAL(self) -> bool:

@@ -13,7 +13,7 @@ from jaxmpm.setup._discretisation import (
 )
 from jaxmpm.setup._fill import fill, ordered
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
-from jaxmpm.setup._law import check_scene, check_shape, wave_speed
+from jaxmpm.setup._law import check_scene, check_shape, force_of_water, wave_speed
 from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._scene import scene, unstressed, with_stress
 from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil, with_strength
@@ -41,6 +41,7 @@ __all__ = [
     "column",
     "end_walls",
     "fill",
+    "force_of_water",
     "material_on",
     "ordered",
     "overburden",

@@ -18,6 +18,7 @@ from jaxmpm.setup._fill import box_particles
 from jaxmpm.setup._initial_stress import settled
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.tracing import array
 from jaxmpm.types import Boundary, Loads, Scene, State
 
 
@@ -175,5 +176,5 @@ def block(
         loads=Loads(gravity),
         speed=float(np.linalg.norm(velocity)) if speed is None else speed,
     )
-    start = jnp.asarray(velocity, state.velocity.dtype)[:, None]
-    return built, replace(state, velocity=jnp.broadcast_to(start, state.velocity.shape))
+    start = np.broadcast_to(np.asarray(velocity, float)[:, None], state.velocity.shape)
+    return built, replace(state, velocity=array(start, state.velocity.dtype))

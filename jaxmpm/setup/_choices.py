@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from jaxmpm.grid import Grid, Particles, Wall
 from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
 from jaxmpm.protocols import Kernel, Material, PrescribedWater
-from jaxmpm.setup._law import in_total_stress_at
+from jaxmpm.setup._law import force_of_water, in_total_stress_at
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
 from jaxmpm.support.check import Limit
@@ -52,7 +52,7 @@ def check_particles(particles: Particles, grid: Grid) -> np.dtype:
     check.within_limits(particles)
     if check.is_traced(particles.position):
         return check.dtype(dtypes.pop())  # the status of a lane tells
-    out = ~np.asarray(at_once(lambda position: inside(grid, locate(grid, position)), jnp.asarray(particles.position)))
+    out = ~inside(grid, locate(grid, np.asarray(particles.position)))
     if out.any():
         first = np.asarray(particles.position)[:, int(np.argmax(out))]
         raise ValueError(
@@ -161,7 +161,7 @@ def warn_of_hats(kernel: Kernel, scheme: Scheme, particles: Particles, grid: Gri
             "kernel = Linear with scheme = USL: nodes that are nearly empty have no bounded velocity, and slides end "
             "INVERTED; take MUSL, or GIMP"
         )
-    cells = np.asarray(at_once(lambda position: locate(grid, position), particles.position), float)
+    cells = locate(grid, np.asarray(particles.position)).astype(float)
     near = np.any(abs(cells - np.round(cells)) < HATS_EDGE, axis=0)
     if near.any():
         check.warn(
@@ -206,7 +206,7 @@ def check_tied(
     whole = isinstance(tied, tuple) and len(tied) == 2 and all(isinstance(node, int) for node in tied)
     if not whole or not 1 <= tied[0] < tied[1] <= grid.shape[0] - 2:
         raise ValueError(f"tied = {tied!r}: give two nodes along x in rising order, from 1 to {grid.shape[0] - 2}")
-    along = (np.asarray(particles.position[0], float) - grid.origin[0]) / grid.cell
+    along = (np.asarray(particles.position, float)[0] - grid.origin[0]) / grid.cell
     if along.min() < tied[0] or along.max() > tied[1]:
         raise ValueError(
             f"particles reach from {along.min():g} to {along.max():g} cells along x, beyond the planes tied at nodes "
@@ -293,7 +293,7 @@ def check_weight_below_water(scene: Scene) -> None:
     if water is None or check.is_traced(scene):
         return
     particles = scene.particles
-    push = np.asarray(at_once(lambda table, at: table.push(at), water, particles.position)[-1], float)
+    push = np.asarray(force_of_water(scene)[-1], float)
     down = -float(scene.loads.gravity[-1])
     heavy = down * np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
     floats = np.flatnonzero((push > 0) & (heavy <= push * (1 + 1e-6)))

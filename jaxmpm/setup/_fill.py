@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 
@@ -13,7 +12,7 @@ from jaxmpm.grid import Grid, Particles
 from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
 from jaxmpm.support import check
-from jaxmpm.support.tracing import array, at_once, taken
+from jaxmpm.support.tracing import array, host, taken
 
 
 def fill(
@@ -64,9 +63,7 @@ def fill(
     volume = float(np.prod(spacing))
     return Particles(
         position=array(position, dtype),
-        mass=at_once(
-            lambda weight: jnp.full(position.shape[1], weight / STANDARD_GRAVITY * volume, dtype), unit_weight
-        ),
+        mass=array(host(unit_weight).full(position.shape[1], unit_weight / STANDARD_GRAVITY * volume), dtype),
         volume=array(np.full(position.shape[1], volume), dtype),
     )
 

@@ -20,10 +20,10 @@ from jaxmpm import tensors
 from jaxmpm.boundary import hold
 from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, closed, external_force, gaps, sheared
 from jaxmpm.laws import elastic_increment
-from jaxmpm.setup._law import wave_speed
+from jaxmpm.setup._law import force_of_water, wave_speed
 from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.support import check
-from jaxmpm.support.tracing import at_once, host, require_known
+from jaxmpm.support.tracing import array, at_once, host, on_host, require_known
 from jaxmpm.types import Scene, State, Status
 
 TOLERANCE = {"float32": 1e-5, "float64": 1e-10}
@@ -205,12 +205,14 @@ def _gapped(scene: Scene) -> bool:
     if check.is_traced(scene):
         return True  # the forces close what there is
 
-    def found(scene: Scene) -> Array | None:
-        mass = Maps(scene, scene.particles.position).to_grid(scene.particles.mass[None], None)
-        return gaps(_sticking(scene), mass[:, 0])
-
-    gap = at_once(found, scene)
+    gap = at_once(_gaps_at_rest, scene)
     return gap is not None and bool(np.any(np.asarray(gap)))
+
+
+@jax.jit
+def _gaps_at_rest(scene: Scene) -> Array | None:
+    mass = Maps(scene, scene.particles.position).to_grid(scene.particles.mass[None], None)
+    return gaps(_sticking(scene), mass[:, 0])
 
 
 RESIDUAL = 1e-3
@@ -273,11 +275,12 @@ def settled(scene: Scene, state: State) -> State:
         return state
     d, dtype = scene.grid.dimension, state.stress.dtype
     vertical = -overburden(scene).astype(dtype)
-    bulk, shear = scene.material.bulk, scene.material.shear
-    elastic = (bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)
-    k0 = jnp.asarray(elastic if scene.loads.k0 is None else scene.loads.k0, dtype)
+    bulk, shear, k0 = on_host((scene.material.bulk, scene.material.shear, scene.loads.k0))
+    ratio = (bulk - 2 * shear / 3) / (bulk + 4 * shear / 3) if k0 is None else k0
+    sideways = vertical * host(ratio).asarray(ratio, dtype)
     upright = {1: 0, 2: 2, 3: 2}[d]
-    stress = jnp.stack([vertical * (1 if c == upright else k0 if c < 3 else 0) for c in tensors.CARRIED[d]])
+    parts = [vertical if c == upright else sideways if c < 3 else vertical * 0 for c in tensors.CARRIED[d]]
+    stress = array(host(parts).stack(parts), dtype)
     gapped = _gapped(scene)
     balanced, residual, _ = elastic_equilibrium(scene, stress, gapped=gapped)
     if check.is_traced(residual):
@@ -384,8 +387,7 @@ def overburden(scene: Scene) -> np.ndarray | Array:
     area = float(np.prod([np.median(gap) for gap in gaps])) if spaced else volume.max() / height
     weight = -numbers.asarray(loads.gravity, float)[-1] * mass
     if loads.water is not None:
-        push = at_once(lambda water, at: water.push(at)[-1], loads.water, particles.position)
-        weight = weight - volume * numbers.asarray(push, float)
+        weight = weight - volume * numbers.asarray(force_of_water(scene)[-1], float)
     # Each column is a row, its uppermost particle first.
     column = np.cumsum(starts) - 1
     place = np.arange(order.size) - np.flatnonzero(starts)[column]

@@ -15,9 +15,9 @@ from jax.typing import ArrayLike
 
 from jaxmpm.grid import Particles
 from jaxmpm.laws import Zoned, declared, excesses, hardens, in_total_stress, laws_of, snaps_back
-from jaxmpm.protocols import Material
+from jaxmpm.protocols import Material, PrescribedWater
 from jaxmpm.support import check
-from jaxmpm.support.tracing import array, at_once
+from jaxmpm.support.tracing import array, at_once, on_host, taken
 from jaxmpm.types import Scene
 
 Found = TypeVar("Found")
@@ -41,7 +41,7 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
     laws = laws_of(scene.material)
     for law, own in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
         if not check.is_traced(law):
-            at_once(_check_together, law, own if jax.tree.leaves(own) else None)
+            at_once(_check_together, on_host(law), own if jax.tree.leaves(own) else None)
 
 
 def _check_together(law: Material, axes: Material | None) -> None:
@@ -79,11 +79,28 @@ def wave_speed(particles: Particles, material: Material) -> float | Array:
         particles: of a scene.
         material: their law.
     """
-    modulus = at_once(lambda law: law.p_wave_modulus, material)
+    modulus = at_once(lambda law: law.p_wave_modulus, on_host(material))
     if check.is_traced(modulus, particles.mass, particles.volume):
         return jnp.sqrt(jnp.max(modulus * particles.volume / particles.mass))
     density = np.asarray(particles.mass, float) / np.asarray(particles.volume, float)
     return math.sqrt(float(np.max(np.asarray(modulus, float) / density)))
+
+
+def force_of_water(scene: Scene) -> np.ndarray | Array:
+    """Force of a scene's water on the particles along each axis, over their volume (d, N) N/m3.
+
+    Args:
+        scene: with water.
+
+    Returns:
+        Of NumPy, traced where the water or the particles are.
+    """
+    return on_host(at_once(_push, scene.loads.water, scene.particles.position))
+
+
+@jax.jit
+def _push(water: PrescribedWater, position: Array) -> Array:
+    return water.push(position)
 
 
 def check_shape(name: str, value: ArrayLike, particles: Particles) -> None:
@@ -127,7 +144,7 @@ def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zo
             f"counts = {material.counts} for {len(material.laws)} laws and {count} particles: give the number of each "
             "law's particles, 1 or more, together all of them"
         )
-    zones = ((law, jax.tree.map(lambda leaf, own=own: leaf[..., own], particles)) for law, own in material.zones)
+    zones = ((law, taken(particles, own)) for law, own in material.zones)
     return replace(material, laws=tuple(checked_material(law, own, dtype) for law, own in zones))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles
 from jaxmpm.laws import BaseMotion, frictional, remembers_gap
-from jaxmpm.protocols import Material, PrescribedMotion
+from jaxmpm.protocols import History, Material, PrescribedMotion
 from jaxmpm.setup._choices import (
     check_boundary,
     check_engine,
@@ -31,7 +32,7 @@ from jaxmpm.setup._discretisation import Discretisation, check_discretisation, k
 from jaxmpm.setup._law import check_scene, check_shape, checked_material, number_of, wave_speed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
 from jaxmpm.support import check
-from jaxmpm.support.tracing import array
+from jaxmpm.support.tracing import array, zeros_like
 from jaxmpm.tensors import CARRIED, expand
 from jaxmpm.transfer import passes_for
 from jaxmpm.types import Boundary, Engine, Loads, Numerics, Scene, State, Status
@@ -196,16 +197,16 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
     particles, d = scene.particles, scene.grid.dimension
     history = scene.material.initial_history(particles)
     return State(
-        displacement=jnp.zeros_like(particles.position),
-        velocity=jnp.zeros_like(particles.position),
-        stress=jnp.zeros((len(CARRIED[d]), *particles.mass.shape), particles.mass.dtype),
-        volume_ratio=jnp.ones_like(particles.mass),
+        displacement=zeros_like(particles.position),
+        velocity=zeros_like(particles.position),
+        stress=array(np.zeros((len(CARRIED[d]), *particles.mass.shape)), particles.mass.dtype),
+        volume_ratio=array(np.ones(particles.mass.shape), particles.mass.dtype),
         history=history,
-        step=jnp.zeros((), jnp.int32),
-        status=jnp.asarray(int(Status.RUNNING), jnp.int32),
-        affine=jnp.zeros((d, *particles.position.shape), particles.mass.dtype) if apic else None,
-        gap=jnp.zeros_like(particles.mass) if remembers_gap(scene.material) else None,
-        unaveraged=None if scene.numerics.nonlocal_passes is None else jax.tree.map(jnp.zeros_like, history),
+        step=array(0, jnp.int32),
+        status=array(int(Status.RUNNING), jnp.int32),
+        affine=array(np.zeros((d, *particles.position.shape)), particles.mass.dtype) if apic else None,
+        gap=zeros_like(particles.mass) if remembers_gap(scene.material) else None,
+        unaveraged=None if scene.numerics.nonlocal_passes is None else zeros_like(history),
     )
 
 
@@ -220,5 +221,10 @@ def with_stress(scene: Scene, state: State, stress: Array) -> State:
     Returns:
         State.
     """
-    history = scene.material.history_at_rest(state.history, expand(stress, scene.grid.dimension))
+    history = _history_at_rest(scene.material, state.history, stress, scene.grid.dimension)
     return replace(state, stress=stress, history=history)
+
+
+@partial(jax.jit, static_argnums=3)
+def _history_at_rest(material: Material, history: History, stress: Array, dimension: int) -> History:
+    return material.history_at_rest(history, expand(stress, dimension))

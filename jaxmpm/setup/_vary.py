@@ -19,7 +19,7 @@ from jaxmpm.setup._law import check_scene, check_shape, wave_speed
 from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.support import check
-from jaxmpm.support.tracing import at_once, host
+from jaxmpm.support.tracing import at_once, host, on_host
 from jaxmpm.types import Scene, State
 
 WATER_LEVEL = "water_level"
@@ -185,7 +185,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     if not STARTING & given.keys():
         return varied, state
     numerics = scene.numerics
-    good = at_once(check.admissible, varied)
+    good = at_once(check.admissible, on_host(varied))
     if not check.is_traced(good) and not good:
         # Its lane takes no step. The time step is a leaf that varies, so it is a new array in any case.
         return replace(varied, numerics=replace(numerics, time_step=numerics.time_step * 1)), state

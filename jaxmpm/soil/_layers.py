@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -13,7 +12,7 @@ from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
 from jaxmpm.soil._limits import AnySoil
 from jaxmpm.support import check
-from jaxmpm.support.tracing import at_once, host
+from jaxmpm.support.tracing import host, taken
 
 
 def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Array | None) -> np.ndarray | Array:
@@ -73,6 +72,6 @@ def _common_law(laws: Sequence[Material], numbers: Sequence[int], layer: np.ndar
     def parameter(*values: Array) -> Array:
         first, *others = values
         different = check.is_traced(values) or any(np.any(np.asarray(each) != np.asarray(first)) for each in others)
-        return at_once(lambda each: jnp.stack(each)[column], values) if different else values[0]
+        return taken(host(values).stack(values), column) if different else values[0]
 
     return jax.tree.map(parameter, *(laws[number] for number in numbers))

@@ -395,7 +395,8 @@ def admissible(tree: object) -> Array:
     """
     good = jnp.asarray(True)
     for _, limit, value in parameters(tree):
-        good &= jnp.all(limit.holds(value))
+        library = np if isinstance(value, np.ndarray) else jnp
+        good &= library.all(limit.holds(value))
     return good
 
 

@@ -60,20 +60,66 @@ def array(value: ArrayLike, dtype: DTypeLike) -> Array:
     Returns:
         The array.
     """
-    return at_once(lambda each: jnp.asarray(each, dtype), value)
+    if check.is_traced(value):
+        return jnp.asarray(value, dtype)
+    if isinstance(value, Array) and value.dtype == dtype:
+        return value
+    with jax.ensure_compile_time_eval():
+        return jax.device_put(np.array(value, dtype))  # unlike jnp.asarray, it compiles no program for the shape
 
 
-def taken(tree: T, order: np.ndarray) -> T:
-    """A pytree of arrays (..., N) with other places along the last axis, each known unless it is traced.
+def zeros_like(tree: T) -> T:
+    """A pytree of known zeros.
+
+    Args:
+        tree: of arrays, traced or not.
+
+    Returns:
+        The pytree, of their shapes and precisions.
+    """
+    return jax.tree.map(lambda leaf: array(np.zeros(leaf.shape), leaf.dtype), tree)
+
+
+def on_host(tree: T) -> T:
+    """A pytree of NumPy's arrays, with which no operation compiles a program; itself where a value is traced.
 
     Args:
         tree: of arrays.
-        order: places (M,) to take.
 
     Returns:
         The pytree.
     """
-    return jax.tree.map(lambda leaf: at_once(lambda each: each[..., order], leaf), tree)
+    return tree if check.is_traced(tree) else jax.device_get(tree)
+
+
+def product(values: Array, factor: Array | np.ndarray) -> Array:
+    """The product of two arrays, known unless one is traced.
+
+    Args:
+        values: array.
+        factor: array of a shape that goes with it.
+
+    Returns:
+        The array, of the precision of `values`.
+    """
+    return array(on_host(values) * on_host(factor), values.dtype)
+
+
+def taken(tree: T, order: np.ndarray | slice) -> T:
+    """A pytree of arrays (..., N) with other places along the last axis, each known unless it is traced.
+
+    Args:
+        tree: of arrays.
+        order: places (M,) to take, or a span of them.
+
+    Returns:
+        The pytree.
+    """
+
+    def at(leaf: Array) -> Array:
+        return leaf[..., order] if check.is_traced(leaf) else array(np.asarray(leaf)[..., order], leaf.dtype)
+
+    return jax.tree.map(at, tree)
 
 
 def require_known(values: Mapping[str, object], remedy: str) -> None:

@@ -8,31 +8,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import ModuleType
+from typing import TypeVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmpm.grid import Grid
+
+Points = TypeVar("Points", Array, np.ndarray)
 
 WIDTH = 3
 """Nodes per axis in a stencil."""
 
 
-def locate(grid: Grid, position: Array) -> Array:
+def locate(grid: Grid, position: Points) -> Points:
     """Positions in cells from node 0, the unit of the other functions here.
 
     Args:
         grid: of the nodes.
-        position: (d, N) m.
+        position: (d, N) m, of JAX or of NumPy.
 
     Returns:
-        (d, N) cells.
+        (d, N) cells, of the same library.
     """
-    origin = jnp.asarray(grid.origin, position.dtype)[:, None]
+    origin = _library(position).asarray(grid.origin, position.dtype)[:, None]
     return (position - origin) / grid.cell
 
 
-def inside(grid: Grid, cells: Array) -> Array:
+def inside(grid: Grid, cells: Points) -> Points:
     """Whether all nodes of a particle's stencil lie on the grid.
 
     Args:
@@ -40,10 +45,11 @@ def inside(grid: Grid, cells: Array) -> Array:
         cells: (d, N) positions, from `locate`.
 
     Returns:
-        (N,) bool, False for NaN.
+        (N,) bool of the same library, False for NaN.
     """
-    limits = jnp.asarray(grid.shape, cells.dtype)[:, None]
-    return jnp.all((cells >= 0.5) & (cells < limits - 1.5), axis=0)
+    library = _library(cells)
+    limits = library.asarray(grid.shape, cells.dtype)[:, None]
+    return library.all((cells >= 0.5) & (cells < limits - 1.5), axis=0)
 
 
 def base_node(grid: Grid, cells: Array) -> Array:
@@ -128,6 +134,11 @@ class QuadraticBSpline:
     def deviation(self, cell: float) -> float:
         """Standard deviation cell / sqrt(2), in m."""
         return cell / math.sqrt(2)
+
+
+def _library(values: Array | np.ndarray) -> ModuleType:
+    """NumPy for its arrays, which the host works with, else `jax.numpy`."""
+    return np if isinstance(values, np.ndarray) else jnp
 
 
 def _falling(r: Array) -> Array:

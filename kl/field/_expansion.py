@@ -154,10 +154,8 @@ def expand(
     index, _ = select(fractions, energy=energy, modes=modes)
     used = index.max(axis=1) + 1
     host_axes = jax.device_get(axes)
-    axes = tuple(
-        jax.tree.map(jnp.asarray, leading(axis, int(count))) for axis, count in zip(host_axes, used, strict=True)
-    )
-    return Expansion(covariance, axes, jnp.asarray(index, jnp.int32), bedding, solvers, origin, extent)
+    axes = tuple(jax.device_put(leading(axis, int(count))) for axis, count in zip(host_axes, used, strict=True))
+    return Expansion(covariance, axes, jax.device_put(index.astype(np.int32)), bedding, solvers, origin, extent)
 
 
 RESOLVED = 0.02

@@ -44,10 +44,11 @@ _REACH = 9.0
 
 def check_moments(mean: Parameter, cov: Parameter, *, positive: bool) -> None:
     """Raise ValueError for moments that overflow or that no marginal has; `positive` requires a mean above 0."""
-    require(jnp.isfinite(mean) & jnp.isfinite(cov), f"mean = {mean}, cov = {cov}: give finite numbers")
-    require(jnp.asarray(cov) >= 0, f"cov = {cov} is negative: give a coefficient of variation of 0 or more")
+    library = jnp if is_traced(mean, cov) else np
+    require(library.isfinite(mean) & library.isfinite(cov), f"mean = {mean}, cov = {cov}: give finite numbers")
+    require(library.asarray(cov) >= 0, f"cov = {cov} is negative: give a coefficient of variation of 0 or more")
     if positive:
-        require(jnp.asarray(mean) > 0, f"mean = {mean} must be above 0 for a positive property: or use Normal")
+        require(library.asarray(mean) > 0, f"mean = {mean} must be above 0 for a positive property: or use Normal")
     if not is_traced(mean, cov):
         farthest = float(np.max(np.abs(np.asarray(mean, np.float64)) * (1 + _REACH * np.asarray(cov, np.float64))))
         precision = jnp.finfo(jnp.result_type(float))
