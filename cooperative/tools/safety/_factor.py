@@ -316,21 +316,24 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
     rows_of = {"strength": STRENGTHS[0], "cohesion": STRENGTHS[0], "friction": STRENGTHS[1]}
     x, heights = shape.boundaries(layers)
 
+    varying = [
+        (rows_of[name], layer, field, float(field.distribution.transform(jnp.zeros(()))))
+        for name in rows_of.keys() & fields.keys()
+        for layer, field in enumerate(fields[name])
+        if isinstance(field, RandomField) and hasattr(layers[layer].soil, name)
+    ]
+
     def at(places: np.ndarray, z: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         numbers = np.full((2, places.size), np.nan)
-        for name in rows_of.keys() & fields.keys():
-            for layer, field in enumerate(fields[name]):
-                if not isinstance(field, RandomField) or not hasattr(layers[layer].soil, name):
-                    continue
-                here = number == layer
-                top: str | float | np.ndarray = field.trend_from
-                before = site.layers[layer].before(places[here]) if site.layers and top == "layer" else None
-                if before is not None:
-                    top = before
-                elif isinstance(top, str):
-                    top = np.interp(places[here], x, heights[layer if top == "layer" else 0])
-                median = float(field.distribution.transform(jnp.zeros(())))
-                numbers[rows_of[name], here] = median * field.grown(np.maximum(top - z[here], 0.0))
+        for row, layer, field, median in varying:
+            here = number == layer
+            top: str | float | np.ndarray = field.trend_from
+            before = site.layers[layer].before(places[here]) if site.layers and top == "layer" else None
+            if before is not None:
+                top = before
+            elif isinstance(top, str):
+                top = np.interp(places[here], x, heights[layer if top == "layer" else 0])
+            numbers[row, here] = median * field.grown(np.maximum(top - z[here], 0.0))
         return numbers[0], numbers[1]
 
     return layers, site.water_table, at if rows_of.keys() & fields.keys() else None
