@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from cooperative.scene import Campaign
 from jaxmpm import Layer, Section
@@ -74,6 +73,8 @@ class MovingWater:
 
     def at(self, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pressure (...) Pa, weight above (...) N/m2 and its moment (...) N/m at points of any shape (m)."""
+        from scipy.ndimage import map_coordinates  # loads what only moving water needs
+
         place = [
             (coordinate - low) / step for coordinate, low, step in zip((x, z), self.corner, self.spacing, strict=True)
         ]
