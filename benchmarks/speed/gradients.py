@@ -8,9 +8,7 @@ Times are of one core, per particle and step; `reverse` is the time of value and
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,72 +17,39 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-import jaxmpm as mpm
 from benchmarks.measure import Report, on_cores
+from benchmarks.speed import gradients_problems as problems
 from cooperative.reporting import save
-from jaxmpm.run import objectives
 
-SLOPE = mpm.Slope(crest=10.0, height=6.0, run_per_rise=1.0, toe=14.0, foundation=2.0)
-CLAY = mpm.Soil(young=1e7, strength=20e3, softening_modulus=60e3, tension_cutoff=None)
 LENGTHS = 10.0 ** np.arange(-11, -1.5, 0.5)
-
-
-def elastic_problem() -> tuple[mpm.Scene, mpm.State]:
-    """An elastic block in the plane that falls onto a roller and rings."""
-    soil = mpm.Soil(unit_weight=9810.0, young=1e6, poisson=0.3)
-    return mpm.block(
-        (4.0, 3.0), soil, mpm.Discretisation(0.5, (0.25, 0.25)), domain=(6.0, 5.0), corner=(1.0, 0.0),
-        gravity=(0.0, -9.81), walls="roller", speed=2.0,
-    )  # fmt: skip
-
-
-def softening_problem() -> tuple[mpm.Scene, mpm.State]:
-    """A slope that slides and softens."""
-    scene, state = mpm.slope(SLOPE, CLAY, mpm.Discretisation(1.0, (0.5, 0.5)))
-    return mpm.reduced(scene, 1.3), state
-
-
-def by_parameter(problem: str, steps: int) -> dict[str, Callable[[Any], Any]]:
-    """Objectives of a run, each as a function of a factor on one parameter."""
-    scene, state = {"elastic": elastic_problem, "softening": softening_problem}[problem]()
-
-    def run(scene: mpm.Scene, state: mpm.State) -> Any:
-        return objectives.log_displacement(mpm.replay(scene, state, steps)[0])
-
-    def material(**changed: Any) -> mpm.Scene:
-        return replace(scene, material=replace(scene.material, **changed))
-
-    law = scene.material
-    result: dict[str, Callable[[Any], Any]] = {
-        "moduli": lambda f: run(material(bulk=law.bulk * f, shear=law.shear * f), state),
-        "gravity": lambda f: run(replace(scene, loads=replace(scene.loads, gravity=scene.loads.gravity * f)), state),
-    }
-    if problem == "softening":
-        result["strength"] = lambda f: run(material(strength=law.strength * f), state)
-        softening = law.softening
-        result["softening"] = lambda f: run(
-            material(softening=replace(softening, modulus=softening.modulus * f)), state
-        )
-    return result
+PROBLEMS: dict[str, Callable[[int], problems.Problem]] = {
+    "elastic": problems.elastic,
+    "softening": problems.softening,
+    "contact": problems.contact,
+    "set-up": problems.set_up,
+    **problems.BY_LAW,
+}
 
 
 def difference_rows(problem: str, steps: int) -> Iterator[dict[str, Any]]:
-    """One row per parameter: derivative by reverse mode, and its distance to central differences by step length."""
+    """One row per number: derivative by reverse mode, and its distance to central differences by step length."""
     with jax.enable_x64(True):
-        for name, function in by_parameter(problem, steps).items():
-            reverse = float(jax.jit(jax.grad(function))(1.0))
-            compiled = jax.jit(function)
-            errors = [
-                abs((float(compiled(1.0 + h)) - float(compiled(1.0 - h))) / (2 * h) / reverse - 1) for h in LENGTHS
-            ]
+        run, derivatives = PROBLEMS[problem](steps)
+        compiled = jax.jit(run)
+        ones = dict.fromkeys(derivatives, 1.0)
+        for name, derivative in derivatives.items():
+            ahead, behind = (
+                np.array([float(compiled(ones | {name: 1.0 + sign * h})) for h in LENGTHS]) for sign in (1, -1)
+            )
+            errors = abs((ahead - behind) / (2 * LENGTHS) / derivative - 1)
             yield {
                 "problem": problem,
                 "steps": steps,
                 "parameter": name,
-                "derivative": reverse,
-                "least_error": float(min(errors)),
-                "at_step_length": float(LENGTHS[int(np.argmin(errors))]),
-                "errors": errors,
+                "derivative": derivative,
+                "least_error": float(errors.min()),
+                "at_step_length": float(LENGTHS[errors.argmin()]),
+                "errors": errors.tolist(),
             }
 
 
@@ -101,7 +66,9 @@ def draw(rows: list[dict[str, Any]], folder: Path) -> None:
         for row in chosen:
             panel.loglog(LENGTHS, row["errors"], ".-", color=colours[row["parameter"]], label=f"by {row['parameter']}")
         panel.set(title=f"{problem}, {chosen[0]['steps']} steps", xlabel="step length (relative)")
-    ladder = [r for r in rows if r["problem"] == "softening" and r["parameter"] == "strength"]
+    ladder = sorted(
+        (r for r in rows if r["problem"] == "softening" and r["parameter"] == "strength"), key=lambda r: r["steps"]
+    )
     for row, shade in zip(ladder, ("#56B4E9", "#009E73", "#E69F00", "#CC79A7"), strict=False):
         panels[2].loglog(LENGTHS, row["errors"], ".-", color=shade, label=f"{row['steps']} steps")
     panels[2].set(title="softening, by strength", xlabel="step length (relative)")
@@ -138,15 +105,19 @@ def run(quick: bool) -> Report:
     long_case = {"scene": "paper", "engine": None, "steps": 5000, "memory": 3e9, "repeats": 0}
     if quick:
         long_case |= {"scene": "paper_section", "steps": 200}
-    long = on_cores(len(os.sched_getaffinity(0)), "benchmarks.speed.gradients_case", json.dumps(long_case))
-    counts = (20,) if quick else (100, 500, 1500, 4000)
-    rows = [*difference_rows("elastic", 50 if quick else 1000)]
-    rows += [row for steps in counts for row in difference_rows("softening", steps)]
-    named = [("elastic", 50 if quick else 1000), ("softening", 20 if quick else 500)]
-    worst = {
-        f"fd_rel_{problem}": max(r["least_error"] for r in rows if (r["problem"], r["steps"]) == (problem, steps))
-        for problem, steps in named
+    long = on_cores(1, "benchmarks.speed.gradients_case", json.dumps(long_case))
+    parts = {
+        "elastic": [*difference_rows("elastic", 50 if quick else 1000)],
+        "softening": [*difference_rows("softening", 20 if quick else 500)],
+        "contact": [*difference_rows("contact", 60)],
     }
+    longer: list[dict[str, Any]] = []
+    if not quick:
+        parts["set_up"] = [*difference_rows("set-up", 100)]
+        parts["laws"] = [row for law in problems.BY_LAW for row in difference_rows(law, 40)]
+        longer = [row for steps in (100, 1500, 4000) for row in difference_rows("softening", steps)]
+    rows = [*(row for part in parts.values() for row in part), *longer]
+    worst = {f"fd_rel_{name}": max(row["least_error"] for row in part) for name, part in parts.items()}
     native, xla = (cost["reverse_over_forward"] for cost in costs)
     values = {
         **worst,
