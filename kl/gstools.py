@@ -23,7 +23,9 @@ from kl.axis import (
 )
 from kl.field import Waves, isotropic
 
-SMOOTHNESS: dict[type, float] = {Exponential: 0.5, Matern32: 1.5, Matern52: 2.5, SquaredExponential: math.inf}
+SMOOTHNESS: dict[type, float] = {
+    family: family.smoothness for family in (Exponential, Matern32, Matern52, SquaredExponential)
+}
 """Smoothness of each family that is a Matern one."""
 
 

@@ -3,7 +3,8 @@
 Each family is a frozen dataclass whose `length` may be differentiated. Called with a lag it gives the correlation;
 `spectral_density` gives its Fourier transform S(w) = integral of c(t) exp(-i w t) dt. Lengths of different families
 are not comparable. Engineers state the scale of fluctuation theta = S(0) = 2 * integral of c over positive lags;
-the class attribute `fluctuation` converts: theta = fluctuation * length.
+the class attribute `fluctuation` converts: theta = fluctuation * length. `smoothness` is nu of the families that are
+Matern's.
 
 Lags are in metres, arrays of NumPy (host, always float64) or JAX of any shape.
 
@@ -54,6 +55,7 @@ class SquaredExponential:
 
     length: Parameter
     fluctuation: ClassVar[float] = math.sqrt(math.pi)
+    smoothness: ClassVar[float] = math.inf
 
     def __call__(self, lag: EitherArray) -> EitherArray:
         ratio = lag / self.length
@@ -76,6 +78,7 @@ class Exponential:
 
     length: Parameter
     fluctuation: ClassVar[float] = 2.0
+    smoothness: ClassVar[float] = 0.5
 
     def __call__(self, lag: EitherArray) -> EitherArray:
         ratio = _namespace(lag).abs(lag) / self.length
@@ -97,6 +100,7 @@ class Matern32:
 
     length: Parameter
     fluctuation: ClassVar[float] = 4 / math.sqrt(3)
+    smoothness: ClassVar[float] = 1.5
 
     def __call__(self, lag: EitherArray) -> EitherArray:
         return SecondOrderMarkov(self.length / math.sqrt(3))(lag)
@@ -117,6 +121,7 @@ class Matern52:
 
     length: Parameter
     fluctuation: ClassVar[float] = 16 / (3 * math.sqrt(5))
+    smoothness: ClassVar[float] = 2.5
 
     def __call__(self, lag: EitherArray) -> EitherArray:
         ratio = math.sqrt(5) * _namespace(lag).abs(lag) / self.length

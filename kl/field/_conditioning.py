@@ -25,6 +25,7 @@ from kl._checks import finite, pytree, require
 from kl.axis import scaled_functions
 from kl.field._evaluation import points_in_box
 from kl.field._expansion import Expansion
+from kl.field._isotropic import Waves
 
 Values: TypeAlias = ArrayLike | Sequence[float]
 # Two data closer than this share of the box are at the same point.
@@ -51,11 +52,11 @@ class Conditioning:
     gain: Array
 
 
-def mode_matrix(expansion: Expansion, points: ArrayLike) -> Array:
+def mode_matrix(expansion: Expansion | Waves, points: ArrayLike) -> Array:
     """Value of every mode at given points.
 
     Args:
-        expansion: of dimension d, with M modes.
+        expansion: of dimension d, with M modes, or the waves of `isotropic`.
         points: (d, N) in metres.
 
     Returns:
@@ -64,6 +65,8 @@ def mode_matrix(expansion: Expansion, points: ArrayLike) -> Array:
     Raises:
         ValueError: If there are no points, or one lies outside the box.
     """
+    if isinstance(expansion, Waves):
+        return expansion.matrix(points)
     return _mode_matrix(expansion, points_in_box(expansion, points))
 
 

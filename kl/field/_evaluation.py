@@ -16,6 +16,7 @@ from kl._checks import finite, is_traced, require
 from kl.axis import Covariance, length_leaves, scaled_functions
 from kl.field._bedding import rotate
 from kl.field._expansion import Expansion
+from kl.field._isotropic import Waves
 
 # Floats of one chunk's intermediate: fits the second-level cache of a core.
 _CHUNK_FLOATS = 2**16
@@ -116,11 +117,11 @@ def warn_if_coarse(covariance: Covariance, x: Array) -> None:
         )
 
 
-def field_at(expansion: Expansion, coefficients: ArrayLike, points: ArrayLike) -> Array:
+def field_at(expansion: Expansion | Waves, coefficients: ArrayLike, points: ArrayLike) -> Array:
     """Standard Gaussian field at scattered points, chunk by chunk.
 
     Args:
-        expansion: of dimension d.
+        expansion: of dimension d, or the waves of `isotropic`.
         coefficients: (M,) or (B, M), standard normal.
         points: (d, N) in metres.
 
@@ -142,6 +143,8 @@ def field_at(expansion: Expansion, coefficients: ArrayLike, points: ArrayLike) -
         >>> kl.field_at(field, xi, points).shape
         (4, 3)
     """
+    if isinstance(expansion, Waves):
+        return expansion.at(coefficients, points)
     return point_sum(expansion, _batch_checked(expansion, coefficients), points_in_box(expansion, points))
 
 

@@ -231,3 +231,28 @@ def test_models_of_gstools_are_converted_and_back():
         kl.gstools.lengths_of(gstools.Spherical(dim=2))
     with pytest.raises(ValueError, match="several families"):
         kl.gstools.to_gstools((kl.Exponential(1.0), kl.Matern32(1.0)))
+
+
+def test_means_of_waves_over_cells_are_averages_of_the_same_sample():
+    field = kl.field.isotropic(1.5, (5.0, 2.0), waves=64)
+    xi = kl.monte_carlo(jax.random.key(4), 3, field.modes)
+    x, z = np.meshgrid(6 + (np.arange(80) + 0.5) / 20, 3 + (np.arange(80) + 0.5) / 40, indexing="ij")
+    known = np.asarray(kl.field_at(field, xi, np.stack([x.ravel(), z.ravel()]))).mean(axis=1)
+    means = kl.field.averaged(field, (4.0, 2.0))
+    assert np.asarray(kl.field_at(means, xi, [[8.0], [4.0]]))[:, 0] == pytest.approx(known, abs=2e-3)
+    variance = np.asarray(kl.field.mode_matrix(means, [[8.0], [4.0]]) ** 2).sum()
+    assert float(means.fractions.sum()) == pytest.approx(variance, rel=1e-4)
+    first, second = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 2, 20_000)) * np.array([[4.0], [2.0]])
+    assert variance == pytest.approx(float(field.correlation(first - second).mean()), abs=0.01)
+    with pytest.raises(ValueError, match="average the field"):
+        kl.field.averaged(means, (1.0, 1.0))
+
+
+@given(st.floats(0, 90), st.floats(0, 360))
+@settings(max_examples=15, deadline=None)
+def test_in_inclined_strata_the_lengths_are_along_and_across_them(dip, strike):
+    level = kl.field.isotropic(1.5, (9.0, 5.0, 1.0), waves=64)
+    inclined = kl.field.isotropic(1.5, (9.0, 5.0, 1.0), waves=64, bedding=kl.Bedding(dip, strike))
+    lag = np.random.default_rng(1).normal(size=(3, 7))
+    along = kl.field.rotate(kl.Bedding(dip, strike), jnp.asarray(lag))
+    assert np.asarray(inclined.correlation(lag)) == pytest.approx(np.asarray(level.correlation(along)), abs=1e-3)
