@@ -83,7 +83,7 @@ def collapse(
         friction=float(np.degrees(FRICTION)),
         unit_weight=WEIGHT,
         young=50 * WEIGHT * height,
-        criterion=criterion,
+        law=criterion,
         tension_cutoff=0.0,
         gap_memory=gap_memory,
     )

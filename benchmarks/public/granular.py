@@ -189,7 +189,7 @@ def column(data: Path, aspect: float, cell: float, finest: bool, setting: str = 
         unit_weight=9.81 * known["density_kg_m3"],
         young=known["young_modulus_Pa"],
         poisson=known["poisson"],
-        criterion=DruckerPrager,
+        law=DruckerPrager,
         matching=Matching.EXTENSION,
         tension_cutoff=0.0,
     )

@@ -46,7 +46,7 @@ def soil(*, associated: bool, cutoff: bool) -> mpm.FrictionalSoil:
         dilation=math.degrees(phi) if associated else 0.0,
         unit_weight=2100 * 9.81,
         young=7e7,
-        criterion=DruckerPrager,
+        law=DruckerPrager,
         tension_cutoff=0.0 if cutoff else None,
     )
 

@@ -33,7 +33,7 @@ REPEATS = 3
 SEED, READINGS, STEP = 5, 1000, 0.02
 """Of the soundings: seed, readings of each, and their distance in depth (m)."""
 COMMAND = (sys.executable, "-m", "cooperative")
-NUMERICS = ("criterion", "matching", "plastic_strain", "decay", "softening_length", "unusual", "gap_memory")
+NUMERICS = ("law", "matching", "plastic_strain", "decay", "softening_length", "unusual", "gap_memory")
 """Fields of a soil that a factor by slices does not ask for."""
 SPEAKING = ("check", "draw", "slide", "fos", "run")
 """Commands whose first word is waited for."""

@@ -20,7 +20,7 @@ from pydantic_core import ArgsKwargs
 
 from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import ElementAtRisk, front_thickness, size_of_slope
-from cooperative.scene._site import Site, SiteLayer, check_seams, check_site
+from cooperative.scene._site import Site, SiteLayer, check_seams, check_site, has_friction
 from cooperative.scene.tables import (
     CONDUCTIVITY,
     LIMITS,
@@ -498,7 +498,7 @@ def check_moving(campaign: Campaign) -> None:
         rule = f"beside {name}, whose pressure the columns do not have"
         raise Invalid(("ends",), "'free field'", rule, "take rollers")
     soils = site.soils(campaign.soil)
-    if all(getattr(layer.soil, "friction", None) is None for layer in soils):
+    if not any(has_friction(layer.soil) for layer in soils):
         rule = "acts on undrained soil, whose strength does not depend on pore pressure"
         raise Invalid((name,), None, rule, "give cohesion and friction")
     if site.by_stress(campaign.soil) is not None:

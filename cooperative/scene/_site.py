@@ -132,7 +132,7 @@ class Site:
         """
         # What is unusual was asked about when the scene was read.
         layers = [replace(layer, soil=_without_warnings(layer.soil)) for layer in self.soils(soil)]
-        frictional = any(getattr(layer.soil, "friction", None) is not None for layer in layers)
+        frictional = any(has_friction(layer.soil) for layer in layers)
         # Without friction it determines the strength, and is no load on soil in total stress.
         r_u = self.r_u if frictional or not self.by_stress(soil) else None
         moving = self.pressure
@@ -254,6 +254,11 @@ class Site:
         elif isinstance(field.trend_from, str):
             top = self.shape.heights(*at[:-1])
         return np.maximum(top - at[-1], 0.0)
+
+
+def has_friction(soil: AnySoil) -> bool:
+    """Whether strength grows with the effective stress: by friction, or by that of a critical state or of grains."""
+    return any(getattr(soil, name, None) is not None for name in ("friction", "critical_state", "static_friction"))
 
 
 def _without_warnings(soil: AnySoil) -> AnySoil:

@@ -9,9 +9,10 @@ from typing import Any, cast
 from cooperative.scene import tables
 from cooperative.scene._plausible import ON_PURPOSE, Path, ask, fields_of
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene.tables import LIMITS, RandomField, Span, is_frictional
+from cooperative.scene.tables import LIMITS, RandomField, Span, has_strength, kind_of
 from cooperative.store import table_of
 from jaxmpm import FrictionalSoil, Layer, Raster, Soil
+from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered, Invalid, at
 
 SOFTENED_BY = {
@@ -20,6 +21,9 @@ SOFTENED_BY = {
     "residual_friction": ("softening_strain",),
 }
 """What is left of strength, and what else soil has that softens."""
+
+AT_MOST = {"dilation": "friction", "swelling": "compression", "static_friction": "dynamic_friction"}
+"""Numbers that another one limits, and which."""
 
 SHAPE = ("mean", "cov", "marginal", "lower", "upper")
 """Of a random field: what makes its distribution."""
@@ -34,7 +38,7 @@ PathOf = Callable[[str], Path]
 
 def soils_of(
     scene: tables.SceneTable, layers: list[Mapping[str, object]], ground: Site
-) -> tuple[Soil | FrictionalSoil | None, Random, tuple[SiteLayer, ...]]:
+) -> tuple[AnySoil | None, Random, tuple[SiteLayer, ...]]:
     """The soil of a scene with what varies in it, and the layers that the scene draws.
 
     The soil is that of `[soil]` and `[strength]`, None where they leave its strength to the layers. What a layer does
@@ -53,7 +57,7 @@ def soils_of(
         with gathered.of(), at("run", "gravity"):
             ask("gravity", scene.run.gravity)
     table, soil, random = scene.whole_soil, None, cast(Random, {})
-    if table is not None and not (scene.layer and is_frictional(table.values) is None):
+    if table is not None and not (scene.layer and not has_strength(table.values)):
         with gathered.of():
             strength = ("strength",) if scene.strength is not None else None
             soil, random = _soil_of(table, SOIL, ground, of_strength=strength)
@@ -78,7 +82,7 @@ def _subject(fault: ValueError | str, table: Path) -> object:
 
 def _soil_of(
     table: tables.SoilTable, where: Path, ground: Site, of_strength: Path | None = None
-) -> tuple[Soil | FrictionalSoil, dict[str, RandomField]]:
+) -> tuple[AnySoil, dict[str, RandomField]]:
     """The soil with the means of what varies, and the fields by parameter.
 
     table: of the soil. where: path of the table. of_strength: path of its strength, where that stands in a table of
@@ -101,7 +105,7 @@ def _soil_of(
             remedy = f"add {' or '.join(others)} to {home}, or leave it out"
             raise Invalid(path(name), None, "varies, but the soil does not soften", remedy)
     _check_saturated(values, random, path, home)
-    _check_friction(values, random, ground.span, path)
+    _check_limited(values, random, ground.span, path)
     return _built(values), {name: random[name] for name in LIMITS if name in random}
 
 
@@ -116,7 +120,8 @@ def _layer_of(
     table, where = scene.layer[number], ("layer", number)
     stops: tuple[str, ...] = ()
     if table.rock:
-        soil, varying = _rock(table), cast(Random, {})
+        with at(*where):
+            soil, varying = _rock(table), cast(Random, {})
     else:
         soil, varying = _soil_of(table, where, ground)
         stops = tuple(name for name in varying if "length" in table_of(written, name))
@@ -152,14 +157,19 @@ def _means(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value.mean if isinstance(value, RandomField) else value for name, value in values.items()}
 
 
-def _rock(table: tables.LayerTable) -> Soil | FrictionalSoil:
-    """Soil like that of the table at its means that does not yield: its strength is its Young's modulus."""
+def _rock(table: tables.LayerTable) -> AnySoil:
+    """Soil like that of the table at its means that does not yield.
+
+    Undrained soil and soil with cohesion have its Young's modulus for a strength; soil of another law is elastic.
+    """
+    if table.young is None:
+        raise Invalid((), None, "lacks young", "add it")
     values = _means(table.values) | {"unusual": True}
-    frictional = is_frictional(values)
+    kind = kind_of(values)
     values = {name: value for name, value in values.items() if name not in ("strength_ratio", "strength_minimum")}
-    if frictional is not None:
-        values["cohesion" if frictional else "strength"] = values["young"]
-    return _built(values)
+    if kind is FrictionalSoil or kind is Soil:
+        return _built(values | {"cohesion" if kind is FrictionalSoil else "strength": values["young"]})
+    return _built({name: value for name, value in values.items() if name != "law"})
 
 
 def _check_saturated(values: Mapping[str, Any], random: Random, path: PathOf, home: str) -> None:
@@ -179,13 +189,12 @@ def _check_saturated(values: Mapping[str, Any], random: Random, path: PathOf, ho
         )  # fmt: skip
 
 
-def _check_friction(values: Mapping[str, Any], random: Random, span: Span, path: PathOf) -> None:
+def _check_limited(values: Mapping[str, Any], random: Random, span: Span, path: PathOf) -> None:
     """Soil that dilates by more than its friction would gain work by sliding; none gains strength by softening."""
-    if "friction" not in values:
-        return
+    kind = kind_of(values)
 
     def ends(name: str) -> tuple[float, float]:
-        value = values.get(name, getattr(FrictionalSoil, name, None))
+        value = values.get(name, getattr(kind, name, None))
         return random[name].extremes(span) if name in random else (value, value)
 
     for name in ("cohesion", "friction") if "softening_strain" in values else ():
@@ -196,16 +205,19 @@ def _check_friction(values: Mapping[str, Any], random: Random, span: Span, path:
                 f"reaches {residual:.4g} {LIMITS[name].unit}, but {name} comes down to {least:.3g}",
                 "give a residual of at most that",
             )  # fmt: skip
-    friction, dilation = ends("friction"), ends("dilation")
-    if dilation[1] > friction[0]:
-        raise Invalid(
-            path("dilation"), None, f"reaches {dilation[1]:.3g} degrees, friction comes down to {friction[0]:.3g}",
-            "give a dilation of at most the friction",
-        )  # fmt: skip
+    for name, other in AT_MOST.items():
+        if other in values and (most := ends(name)[1]) > (least := ends(other)[0]):
+            reaches = f"reaches {most:.3g} {LIMITS[name].unit}".rstrip()
+            raise Invalid(
+                path(name),
+                None,
+                f"{reaches}, {other} comes down to {least:.3g}",
+                f"give a {name} of at most the {other}",
+            )
 
 
-def _built(values: Mapping[str, Any]) -> Soil | FrictionalSoil:
+def _built(values: Mapping[str, Any]) -> AnySoil:
     """The soil of these numbers; what is not among them is left to the solver's defaults."""
-    kind: type[Soil | FrictionalSoil] = FrictionalSoil if is_frictional(values) else Soil
+    kind = kind_of(values) or Soil
     names = {field.name for field in fields(kind)}
     return kind(**{name: value for name, value in values.items() if name in names})

@@ -9,7 +9,6 @@ import numpy as np
 from jax import Array
 
 from jaxmpm.laws import AnisotropicUndrained, ModifiedCamClay, MuI
-from jaxmpm.soil._limits import ANGLE
 from jaxmpm.soil._soil import check_numbers, moduli, radians
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, host
@@ -34,6 +33,7 @@ class CamClaySoil:
         least_pressure: mean effective stress (Pa) below which stiffness and the ellipse shrink no more.
         unit_weight: of soil and its water (N/m3).
         saturated_unit_weight: of soil that starts below a water table (N/m3); None for unit_weight.
+        unusual: as for `Soil`.
     """
 
     compression: float | Array
@@ -45,6 +45,7 @@ class CamClaySoil:
     least_pressure: float = 1e3
     unit_weight: float = 18e3
     saturated_unit_weight: float | None = None
+    unusual: bool = False
 
     def material(self, dtype: np.dtype, band: float) -> ModifiedCamClay:
         """Its law on any grid.
@@ -60,8 +61,6 @@ class CamClaySoil:
             ValueError: If a number is impossible for soil.
         """
         check_numbers(self)
-        check.positive("swelling", self.swelling)
-        check.positive("largest_pressure", self.largest_pressure, "Pa")
         if not check.is_traced(self.swelling, self.compression) and np.any(
             np.asarray(self.swelling) >= np.asarray(self.compression)
         ):
@@ -91,6 +90,7 @@ class AnisotropicSoil:
         unit_weight: N/m3.
         young: Young's modulus at small strain (Pa).
         poisson: Poisson's ratio.
+        unusual: as for `Soil`.
     """
 
     active_strength: float | Array
@@ -100,6 +100,7 @@ class AnisotropicSoil:
     unit_weight: float = 18e3
     young: float = 5e7
     poisson: float = 0.45
+    unusual: bool = False
 
     def material(self, dtype: np.dtype, band: float) -> AnisotropicUndrained:
         """Its law on any grid.
@@ -135,6 +136,7 @@ class GranularSoil:
         young: Young's modulus (Pa).
         poisson: Poisson's ratio.
         gap_memory: whether grains that came apart bear pressure only once their gap has closed.
+        unusual: as for `Soil`.
     """
 
     static_friction: float
@@ -146,6 +148,7 @@ class GranularSoil:
     young: float = 1e7
     poisson: float = 0.3
     gap_memory: bool = True
+    unusual: bool = False
 
     def material(self, dtype: np.dtype, band: float) -> MuI:
         """Its law on any grid.
@@ -161,8 +164,6 @@ class GranularSoil:
             ValueError: If a number is impossible for grains.
         """
         check_numbers(self)
-        for name in ("static_friction", "dynamic_friction"):
-            check.within(name, getattr(self, name), ANGLE)
         traced = check.is_traced(self.dynamic_friction, self.static_friction)
         if not traced and self.dynamic_friction < self.static_friction:
             raise ValueError(

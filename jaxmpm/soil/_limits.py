@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import Field
+from dataclasses import Field, fields
 from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from jaxmpm.laws import AnisotropicUndrained, Law, ModifiedCamClay, MuI
 from jaxmpm.protocols import Material
 from jaxmpm.soil._units import PLAUSIBLE, unit_slip
 from jaxmpm.support import check
 from jaxmpm.support.check import Limit
 
 ANGLE = Limit(least=0, most=60, unit="degrees")
+
+
+def _of(law: type[Law]) -> Iterator[tuple[str, Limit]]:
+    """Limits that a law declares beside those of its moduli, by the engineer's name and in degrees."""
+    for name, limit in law.PARAMETERS.items():
+        if name not in Law.PARAMETERS:
+            plain = Limit(**{part.name: getattr(limit, part.name) for part in fields(Limit)})
+            yield getattr(limit, "name", "") or name, ANGLE if limit.unit == "rad" else plain
 
 
 LIMITS: Mapping[str, Limit] = MappingProxyType(
@@ -40,6 +49,10 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         "strength_ratio": Limit(above=0, most=1),
         "strength_minimum": Limit(above=0, unit="Pa"),
         "viscosity": Limit(least=0, unit="Pa s"),
+        **dict(_of(ModifiedCamClay)),
+        **dict(_of(AnisotropicUndrained)),
+        **dict(_of(MuI)),
+        "largest_pressure": Limit(above=0, unit="Pa"),
     }
 )
 

@@ -161,7 +161,7 @@ class FrictionalSoil:
         unit_weight: of soil and its water (N/m3).
         young: Young's modulus (Pa).
         poisson: Poisson's ratio.
-        criterion: class of the law.
+        law: its class.
         matching: of Drucker-Prager's cone with Mohr-Coulomb.
         residual_cohesion: Pa.
         residual_friction: degrees.
@@ -181,7 +181,7 @@ class FrictionalSoil:
     unit_weight: float = 20e3
     young: float = 1e8
     poisson: float = 0.3
-    criterion: type[MohrCoulomb] | type[DruckerPrager] = MohrCoulomb
+    law: type[MohrCoulomb] | type[DruckerPrager] = MohrCoulomb
     matching: Matching = Matching.PLANE_STRAIN
     residual_cohesion: float = 0.0
     residual_friction: float = 0.0
@@ -219,13 +219,13 @@ class FrictionalSoil:
         bulk, shear = (number(modulus) for modulus in moduli(self.young, self.poisson))
         angles = number(radians(self.friction)), number(radians(self.dilation))
         strength = number(self.cohesion), *angles, self._softening(_scale(self, band), number), _cutoff(self, number)
-        if self.criterion is DruckerPrager:
+        if self.law is DruckerPrager:
             if not isinstance(self.matching, Matching):
                 raise ValueError(f"matching = {self.matching!r}: give a member of Matching")
             return DruckerPrager(bulk, shear, *strength, self.matching, self.gap_memory)
-        if self.criterion is MohrCoulomb:
+        if self.law is MohrCoulomb:
             return MohrCoulomb(bulk, shear, *strength, self.gap_memory)
-        raise ValueError(f"criterion = {self.criterion!r}: give MohrCoulomb or DruckerPrager")
+        raise ValueError(f"law = {self.law!r}: give MohrCoulomb or DruckerPrager")
 
     def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> FrictionalSoftening | None:
         if self.softening_strain is None:

@@ -49,6 +49,14 @@ PLAUSIBLE: Mapping[str, Plausible] = MappingProxyType(
         "residual_friction": Plausible("degrees", 1.6, _DEGREES),
         "strain_95": Plausible(most=5.0, above=_SHARE),
         "softening_strain": Plausible(most=5.0, above=_SHARE),
+        **dict.fromkeys(
+            ("active_strength", "simple_strength", "passive_strength"), Plausible("Pa", 1e3, _KPA, 5e6, _TWICE)
+        ),
+        **dict.fromkeys(("static_friction", "dynamic_friction"), Plausible("degrees", 1.6, _DEGREES)),
+        "largest_pressure": Plausible("Pa", 1e4, _KPA),
+        "least_pressure": Plausible("Pa", 10.0, _KPA),
+        "grain_size": Plausible("m", most=10.0, above="were mm meant?"),
+        "grain_density": Plausible("kg/m3", 100.0, "were g/cm3 or t/m3 meant?", 1e4, "was a unit weight (N/m3) meant?"),
         "slip_length": Plausible("m", most=20.0, above="were mm meant?"),
         "gravity": Plausible("m/s2", 0.1, "were multiples of 9.81 m/s2 meant?", 30.0, "were cm/s2 meant?"),
     }

@@ -20,7 +20,7 @@ from cooperative.scene.tables._reading import (
 from cooperative.scene.tables._run import Run
 from cooperative.scene.tables._scene import SITES, STORED, SceneTable
 from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, RandomConductivity, Seepage
-from cooperative.scene.tables._soil import LayerTable, SoilTable, is_frictional
+from cooperative.scene.tables._soil import LayerTable, SoilTable, has_strength, kind_of
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured
 from cooperative.scene.tables._sweep import RECORDS, Scenario, Sweep
 from cooperative.scene.tables._varying import (
@@ -90,9 +90,10 @@ __all__ = [
     "Water",
     "check_cross_correlation",
     "first_entry",
+    "has_strength",
     "in_words",
-    "is_frictional",
     "keys",
+    "kind_of",
     "made",
     "parts",
     "read",

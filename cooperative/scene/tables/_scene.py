@@ -21,6 +21,7 @@ from cooperative.scene.tables._soil import LayerTable, SoilTable, with_soil
 from cooperative.scene.tables._stored import Calibration, GivenEstimator, LimitLoad
 from cooperative.scene.tables._sweep import Scenario, Sweep
 from cooperative.scene.tables._varying import CrossCorrelation, RandomField
+from jaxmpm.laws import MuI
 from jaxmpm.support.check import Invalid, at
 
 LONGEST_NAME = 200
@@ -92,8 +93,8 @@ class SceneTable(Part):
             return self
         if self.strength is not None and self.soil.strength is not None:
             raise Invalid((), None, "has both [strength] and [soil] strength", "leave one of them out")
-        cut_off = any(soil.tension_cutoff is not None for soil in (self.soil, *self.layer))
-        if self.soil.gap_memory is not None and not cut_off:
+        opens = any(soil.tension_cutoff is not None or soil.law is MuI for soil in (self.soil, *self.layer))
+        if self.soil.gap_memory is not None and not opens:
             raise Invalid(
                 ("soil", "gap_memory"), None, "has no effect in soil without tension_cutoff, which opens no gap",
                 "leave it out, or give tension_cutoff",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import model_validator as validates
@@ -26,27 +26,45 @@ from cooperative.scene.tables._key import (
 )
 from cooperative.scene.tables._varying import RandomField
 from cooperative.store import table_of
-from jaxmpm import FrictionalSoil, PlasticStrain, Soil
-from jaxmpm.laws import Decay, DruckerPrager, Matching, MohrCoulomb
-from jaxmpm.soil import soil_limits
+from jaxmpm import AnisotropicSoil, CamClaySoil, FrictionalSoil, GranularSoil, PlasticStrain, Soil
+from jaxmpm.laws import J2, AnisotropicUndrained, Decay, DruckerPrager, Matching, ModifiedCamClay, MohrCoulomb, MuI
+from jaxmpm.soil import AnySoil, soil_limits
 from jaxmpm.support.check import Invalid, at
 from jaxmpm.support.text import shown
 
 LONGEST_NAME = 200
-CRITERIA = {"mohr-coulomb": MohrCoulomb, "drucker-prager": DruckerPrager}
+LAWS: dict[str, type] = {
+    "undrained": J2,
+    "mohr-coulomb": MohrCoulomb,
+    "drucker-prager": DruckerPrager,
+    "modified cam clay": ModifiedCamClay,
+    "anisotropic undrained": AnisotropicUndrained,
+    "mu(I)": MuI,
+}
+KINDS: dict[type, type[AnySoil]] = {
+    J2: Soil,
+    MohrCoulomb: FrictionalSoil,
+    DruckerPrager: FrictionalSoil,
+    ModifiedCamClay: CamClaySoil,
+    AnisotropicUndrained: AnisotropicSoil,
+    MuI: GranularSoil,
+}
+"""The solver's soil that has the numbers of a law."""
 MATCHINGS = {matching.value: matching for matching in Matching}
 DECAYS = {decay.name.lower(): decay for decay in Decay}
 PLASTIC_STRAINS = {measure.value: measure for measure in PlasticStrain}
 
-STRENGTHS = ("strength", "strength_ratio", "strength_minimum")
-OF_CLAY, OF_FRICTION = (
-    tuple(part.name for part in fields(kind) if part.name not in {other.name for other in fields(beside)})
-    for kind, beside in ((Soil, FrictionalSoil), (FrictionalSoil, Soil))
-)
-"""Keys of the soil that only undrained clay, or only soil with friction, has a use for."""
+KEYS = {kind: tuple(part.name for part in fields(kind) if part.name != "law") for kind in KINDS.values()}
+"""Keys that each kind of soil has a use for, beside `law`."""
+REQUIRED = {kind: tuple(part.name for part in fields(kind) if part.default is MISSING) for kind in KINDS.values()} | {
+    Soil: ("strength", "strength_ratio")
+}
+"""Those of its strength, which a kind of soil does not do without: all, of undrained soil one."""
+ELASTIC = ("unit_weight", "young", "poisson")
+"""Those of every kind that has them."""
 OF_ALL_LAYERS = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov")
 """Of a random field: measured values, and errors of estimates, which a layer does not take from another field."""
-OF_A_FIELD = ("length", "correlation", "energy", "bedding", "nataf", *OF_ALL_LAYERS)
+OF_A_FIELD = ("length", "correlation", "form", "energy", "bedding", "nataf", *OF_ALL_LAYERS)
 """What a layer gives only of a field of its own, which stops at it: its length at least."""
 
 
@@ -56,21 +74,27 @@ def _of(parameter: str) -> Within:
 
 def _default(parameter: str) -> str:
     """The solver's default of what a scene leaves out, in words."""
-    value: Any = getattr(Soil, parameter, getattr(FrictionalSoil, parameter, None))
-    named = {
-        choice: name for choices in (CRITERIA, MATCHINGS, DECAYS, PLASTIC_STRAINS) for name, choice in choices.items()
-    }
+    value: Any = next(getattr(kind, parameter) for kind in KINDS.values() if hasattr(kind, parameter))
+    named = {choice: name for choices in (MATCHINGS, DECAYS, PLASTIC_STRAINS) for name, choice in choices.items()}
     return f"`{json.dumps(value if isinstance(value, bool | float) else named[value])}`"
 
 
 @table
 class SoilTable(Part):
-    """The soil: undrained, with a strength that does not depend on pressure, or with cohesion and friction.
+    """The soil: undrained, with a strength that does not depend on pressure, with cohesion and friction, or of a `law`.
 
     A parameter that varies is a table in place of a number, such as `[soil.cohesion]`, with the keys of `[strength]`.
     A number that looks like kPa or kN/m3 is refused, see `unusual`.
     """
 
+    law: Annotated[type, one_of(LAWS)] | None = key(
+        'Constitutive law. Undrained soil has a `strength`; `"mohr-coulomb"` and `"drucker-prager"` have `cohesion` '
+        "and `friction`; the others have the keys that name them, see [laws](settings.md#laws-of-a-scene).",
+        "modified cam clay",
+        None,
+        otherwise='`"undrained"` with a strength, `"mohr-coulomb"` with cohesion and friction',
+        synonyms="criterion model constitutive_law constitutive_model material",
+    )
     unit_weight: OrTable[Annotated[float, _of("unit_weight")], RandomField] = key(
         "Weight of the soil, including its water.", 20e3, synonyms="gamma density rho weight"
     )
@@ -81,9 +105,10 @@ class SoilTable(Part):
         otherwise="that of soil above it",
         synonyms="gamma_sat saturated_weight wet_unit_weight",
     )
-    young: OrTable[Annotated[float, _of("young")], RandomField] = key(
-        "Young's modulus.", 1e8, synonyms="e youngs_modulus young_modulus modulus stiffness"
-    )
+    young: OrTable[Annotated[float, _of("young")], RandomField] | None = key(
+        "Young's modulus.", 1e8, None, otherwise="none, give it; modified Cam Clay has none",
+        synonyms="e youngs_modulus young_modulus modulus stiffness",
+    )  # fmt: skip
     poisson: OrTable[Annotated[float, _of("poisson")], RandomField] = key(
         "Poisson's ratio.", 0.3, synonyms="nu poisson_ratio poissons_ratio"
     )
@@ -158,9 +183,6 @@ class SoilTable(Part):
         "Angle of dilation, at most that of friction.", 0.0, None, otherwise=_default("dilation"),
         synonyms="psi dilatancy",
     )  # fmt: skip
-    criterion: Annotated[type, one_of(CRITERIA)] | None = key(
-        "Law of soil with friction.", "mohr-coulomb", None, otherwise=_default("criterion")
-    )
     matching: Annotated[Matching, one_of(MATCHINGS)] | None = key(
         "Where the cone of Drucker-Prager meets Mohr-Coulomb's pyramid.", "plane strain", None,
         otherwise=_default("matching"),
@@ -176,6 +198,64 @@ class SoilTable(Part):
         otherwise="none: no softening",
     )  # fmt: skip
     decay: Annotated[Decay, one_of(DECAYS)] | None = key("How they fall.", "linear", None, otherwise=_default("decay"))
+    compression: OrTable[Annotated[float, _of("compression")], RandomField] | None = key(
+        "Of modified Cam Clay, lambda* = lambda / (1 + e): volumetric strain per ln p on the virgin line.", 0.1, None,
+        synonyms="lambda lambda* compression_index",
+    )  # fmt: skip
+    swelling: Annotated[float, _of("swelling")] | None = key(
+        "Of modified Cam Clay, kappa* = kappa / (1 + e), below `compression`.", 0.02, None,
+        synonyms="kappa kappa* swelling_index",
+    )  # fmt: skip
+    critical_state: OrTable[Annotated[float, _of("critical_state")], RandomField] | None = key(
+        "Of modified Cam Clay, M = q / p at the critical state, 6 sin(phi) / (3 - sin(phi)).", 1.0, None,
+        synonyms="m critical_state_ratio",
+    )  # fmt: skip
+    ocr: OrTable[Annotated[float, _of("ocr")], RandomField] | None = key(
+        "Of modified Cam Clay, the largest vertical effective stress so far over that at rest.", 2.0, None,
+        otherwise=_default("ocr"), synonyms="overconsolidation_ratio",
+    )  # fmt: skip
+    largest_pressure: Annotated[float, _of("largest_pressure")] | None = key(
+        "Of modified Cam Clay, mean effective stress from which on stiffness grows no more, above all that the slope "
+        "reaches; it limits the time step.",
+        500e3,
+        None,
+        otherwise=_default("largest_pressure"),
+    )
+    least_pressure: Annotated[float, _of("least_pressure")] | None = key(
+        "Of modified Cam Clay, mean effective stress below which stiffness and strength shrink no more.", 1e3, None,
+        otherwise=_default("least_pressure"),
+    )  # fmt: skip
+    active_strength: OrTable[Annotated[float, _of("active_strength")], RandomField] | None = key(
+        "Of anisotropic undrained clay, strength where the vertical stress grows, as under a crest.", 40e3, None,
+        synonyms="su_a s_u_a sua compression_strength",
+    )  # fmt: skip
+    simple_strength: OrTable[Annotated[float, _of("simple_strength")], RandomField] | None = key(
+        "Likewise, in direct simple shear.", 30e3, None, synonyms="su_dss s_u_d dss_strength sudss"
+    )
+    passive_strength: OrTable[Annotated[float, _of("passive_strength")], RandomField] | None = key(
+        "Likewise, where the vertical stress falls, as at a toe.", 20e3, None,
+        synonyms="su_p s_u_p sup extension_strength",
+    )  # fmt: skip
+    failure_strain: OrTable[Annotated[float, _of("failure_strain")], RandomField] | None = key(
+        "Likewise, engineering plastic shear strain at which these are mobilised.", 0.05, None,
+        otherwise=_default("failure_strain"),
+    )  # fmt: skip
+    static_friction: OrTable[Annotated[float, _of("static_friction")], RandomField] | None = key(
+        "Of grains with mu(I), arctan mu_s: the angle of repose.", 21.0, None, synonyms="mu_s repose angle_of_repose"
+    )
+    dynamic_friction: OrTable[Annotated[float, _of("dynamic_friction")], RandomField] | None = key(
+        "Likewise, arctan mu_2 of infinitely fast flow, at least the static one.", 33.0, None, synonyms="mu_2 mu2"
+    )
+    grain_size: OrTable[Annotated[float, _of("grain_size")], RandomField] | None = key(
+        "Likewise, diameter of a grain.", 0.01, None, synonyms="diameter d50 d particle_diameter"
+    )
+    inertial_number: Annotated[float, _of("inertial_number")] | None = key(
+        "Likewise, I_0 at which friction is half way between both.", 0.279, None,
+        otherwise=_default("inertial_number"), synonyms="i_0 i0",
+    )  # fmt: skip
+    grain_density: Annotated[float, _of("grain_density")] | None = key(
+        "Likewise, density of the solid.", 2500.0, None, otherwise=_default("grain_density"), synonyms="rho_s"
+    )
     unusual: Flag = key(
         "Whether to accept numbers that look like another unit. Without it a scene is refused for strength below "
         "1 kPa, cohesion below 0.1 kPa, either above 5 MPa, Young's modulus below 0.2 MPa, or friction below 1.6 "
@@ -192,7 +272,7 @@ class SoilTable(Part):
         return {name: value for name, value in values.items() if value is not None}
 
     def check_kind(self, home: str) -> None:
-        """Check that clay has a strength, other soil cohesion and friction, and neither has what is the other's.
+        """Check that the soil has the numbers of one law, all of them, and none of another.
 
         Args:
             home: where a reader adds what lacks.
@@ -201,9 +281,9 @@ class SoilTable(Part):
             Invalid: it does not.
         """
         values, out = self.values, "leave one of them out"
-        frictional = [name for name in ("cohesion", "friction") if name in values]
-        undrained = [name for name in ("strength", "strength_ratio") if name in values]
-        if frictional and undrained:
+        frictional = [name for name in REQUIRED[FrictionalSoil] if name in values]
+        undrained = [name for name in REQUIRED[Soil] if name in values]
+        if self.law is None and frictional and undrained:
             remedy = f"undrained soil has a strength, other soil cohesion and friction; {out}"
             raise Invalid((frictional[0],), None, f"is given beside a {undrained[0]}", remedy)
         if len(undrained) == 2:
@@ -212,16 +292,25 @@ class SoilTable(Part):
             lacking, beside = ("minimum", "ratio") if undrained == ["strength_ratio"] else ("ratio", "minimum")
             remedy = "add it; at the surface, where the stress is 0, soil has its strength_minimum (Pa)"
             raise Invalid((), None, f"lacks strength_{lacking}, which goes with strength_{beside}", remedy)
-        if not frictional and not undrained:
+        kind = kind_of(values)
+        if kind is None:
             remedy = f"add a strength, with mean, cov and length where it varies, or cohesion and friction to {home}"
+            laws = [name for name, law in LAWS.items() if not set(REQUIRED[KINDS[law]]).isdisjoint(values)]
+            remedy += f"; what it has is of law = {laws[0]!r}, which {home} does not name" if laws else ""
             raise Invalid((), None, "has neither a strength nor cohesion and friction", remedy)
-        if len(frictional) == 1:
-            lacking = {"cohesion": "friction", "friction": "cohesion"}[frictional[0]]
-            raise Invalid((), None, f"lacks {lacking}, which goes with {frictional[0]}", "add it")
-        kind = "soil with cohesion and friction" if frictional else "undrained soil"
-        for name in OF_CLAY if frictional else OF_FRICTION:
-            if name in values:
-                raise Invalid((name,), None, f"has no effect in {kind}", "leave it out")
+        law = self.law if self.law is not None else J2 if undrained else MohrCoulomb
+        name = next(name for name, named in LAWS.items() if named is law)
+        words = {Soil: "undrained soil", FrictionalSoil: "soil with cohesion and friction"}
+        for idle in values:
+            if idle not in ("law", *KEYS[kind]):
+                raise Invalid(
+                    (idle,), None, f"has no effect in {words.get(kind, f'soil of law = {name!r}')}", "leave it out"
+                )
+        of_strength = undrained or REQUIRED[kind][:1] if kind is Soil else REQUIRED[kind]
+        missing = [key for key in (*of_strength, *ELASTIC) if key in KEYS[kind] and key not in values]
+        if missing:
+            goes_with = f", which goes with {frictional[0]}" if len(frictional) == 1 and kind is FrictionalSoil else ""
+            raise Invalid((), None, f"lacks {', '.join(missing)}{goes_with}", "add it")
 
 
 @table
@@ -278,13 +367,13 @@ def with_soil(layer: Mapping[str, object], scene: Mapping[str, object]) -> dict[
         Invalid: tables of parameters that a layer cannot have.
     """
     soil = {**table_of(scene, "soil"), **({"strength": scene["strength"]} if "strength" in scene else {})}
-    # A layer of the other kind takes over what both kinds have.
-    frictional = is_frictional(layer)
-    other = () if frictional in (None, is_frictional(soil)) else OF_CLAY if frictional else OF_FRICTION
+    # A layer of another kind takes over what both kinds have.
+    kind = kind_of(layer)
+    taken = keys(SoilTable) if kind in (None, kind_of(soil)) else KEYS[kind]
     replaced = (
         () if {"strength", "strength_ratio"}.isdisjoint(layer) else ("strength", "strength_ratio", "strength_minimum")
     )
-    soil = {name: value for name, value in soil.items() if name in keys(SoilTable) and name not in other}
+    soil = {name: value for name, value in soil.items() if name in taken}
     merged = {name: value for name, value in soil.items() if name not in replaced} | dict(layer)
     for name, value in layer.items():
         if isinstance(value, dict) and name in keys(SoilTable):
@@ -295,11 +384,21 @@ def with_soil(layer: Mapping[str, object], scene: Mapping[str, object]) -> dict[
     return merged
 
 
-def is_frictional(soil: Collection[str]) -> bool | None:
-    """Whether soil of these keys has friction; None where none of them is a strength."""
-    if not {"cohesion", "friction"}.isdisjoint(soil):
-        return True
-    return None if {"strength", "strength_ratio"}.isdisjoint(soil) else False
+def kind_of(soil: Mapping[str, Any]) -> type[AnySoil] | None:
+    """The solver's soil that soil of these keys is, by its law or its strength; None where it has neither."""
+    law = soil.get("law")
+    law = LAWS.get(law) if isinstance(law, str) else law
+    if isinstance(law, type) and law in KINDS:
+        return KINDS[law]
+    for kind in (FrictionalSoil, Soil):
+        if not set(REQUIRED[kind]).isdisjoint(soil):
+            return kind
+    return None
+
+
+def has_strength(soil: Mapping[str, Any]) -> bool:
+    """Whether soil of these keys has any that its strength is of."""
+    return any(name in soil for names in REQUIRED.values() for name in names)
 
 
 def _check_field(field: Mapping[str, object], *, rock: bool) -> None:

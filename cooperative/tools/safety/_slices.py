@@ -88,8 +88,10 @@ def _strength_of(layer: Layer) -> tuple[float, float]:
         return float(soil.strength or 0.0), 0.0
     if hasattr(soil, "cohesion") and hasattr(soil, "friction"):
         return float(soil.cohesion), float(soil.friction)
-    kind = type(soil).__name__
-    raise ValueError(f"limit equilibrium is for soil with a strength, or cohesion and friction, not for {kind}")
+    raise ValueError(
+        f"limit equilibrium is for soil with a strength, or cohesion and friction, not for {type(soil).__name__}, "
+        "whose strength depends on stress history, direction or rate: the solver's limit load stands alone"
+    )
 
 
 class Conditions(TypedDict, total=False):

@@ -92,7 +92,7 @@ def test_soil_with_friction_has_the_law_and_the_cure_of_such_soil():
     assert model.scene.numerics.cell_average
     assert not model.scene.numerics.fbar
     cone = changed(
-        SAND, ("cell = 2.0", "cell = 2.0\ncell_average = false"), ("poisson", "criterion = 'drucker-prager'\npoisson")
+        SAND, ("cell = 2.0", "cell = 2.0\ncell_average = false"), ("poisson", "law = 'drucker-prager'\npoisson")
     )
     assert isinstance(model_of(cone).scene.material, DruckerPrager)
     assert not model_of(cone).scene.numerics.cell_average

@@ -14,12 +14,14 @@ from cooperative.example_scenes import examples
 from cooperative.scene import SEVERAL, TABLES, built, json_schema, markdown, parse, to_toml
 from cooperative.scene._page import write
 from cooperative.scene.tables import schema_of
-from cooperative.scene.tables._soil import OF_FRICTION
+from cooperative.scene.tables._soil import KEYS as OF_KIND
 from cooperative.tools import sweep
+from jaxmpm import FrictionalSoil, Soil
 from jaxmpm.soil import soil_limits
 from tests import ROOT
 from tests.cooperative.campaign.test_campaign import TINY
 
+OF_FRICTION = {*OF_KIND[FrictionalSoil]} - {*OF_KIND[Soil]}
 KEYS = [(section, name) for section, table in TABLES.items() for name in schema_of(table)["properties"]]
 
 

@@ -189,7 +189,7 @@ SAND = mpm.FrictionalSoil(cohesion=1e3, friction=20.0, young=5e6)
 SOILS = {
     "elastic": (replace(CLAY, strength=None), ("bulk", "shear"), 1e-6),
     "clay": (replace(CLAY, strength=6e3), ("bulk", "strength"), 1e-4),
-    "cone": (replace(SAND, criterion=mpm.laws.DruckerPrager), ("cohesion", "friction"), 1e-4),
+    "cone": (replace(SAND, law=mpm.laws.DruckerPrager), ("cohesion", "friction"), 1e-4),
     "pyramid": (SAND, ("cohesion", "friction"), 1e-4),
 }
 

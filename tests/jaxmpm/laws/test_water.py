@@ -11,7 +11,7 @@ import jaxmpm as mpm
 from jaxmpm.diagnostics import unbalanced_force
 from tests.differences import check_run
 
-SAND = mpm.FrictionalSoil(5e3, 30.0, unit_weight=18e3, young=2e7, criterion=mpm.laws.DruckerPrager)
+SAND = mpm.FrictionalSoil(5e3, 30.0, unit_weight=18e3, young=2e7, law=mpm.laws.DruckerPrager)
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
 LEVEL = mpm.Section([(0, 8), (12, 8)])
 HILL = mpm.Section([(0, 6), (8, 6), (14, 3), (20, 3)])
@@ -263,7 +263,7 @@ SOAKED = [
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(("built", "criterion"), SOAKED)
 def test_gradients_through_water_are_those_of_differences_and_engines_and_lanes_agree(built, criterion):
-    scene, state = built(replace(SAND, criterion=criterion))
+    scene, state = built(replace(SAND, law=criterion))
     points = "z" if built is section_with_a_table else "heights"
     weight = 18e3 * jnp.maximum(6 - scene.particles.position[-1], 0)
 

@@ -15,7 +15,7 @@ BELOW = [(0, 3), (8, 3), (9, 3)]
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 CLAY = mpm.Soil(young=5e6, strength=12e3, softening_modulus=20e3, rate_coefficient=0.05, tension_cutoff=0.0)
 FILL = mpm.FrictionalSoil(4e3, 30.0, 5.0, young=8e6, tension_cutoff=0.0)
-CONE = replace(FILL, criterion=mpm.laws.DruckerPrager)
+CONE = replace(FILL, law=mpm.laws.DruckerPrager)
 LOST = replace(CONE, residual_friction=20.0, softening_strain=0.1, tension_cutoff=None)
 ROCK = mpm.Soil(young=5e7, strength=None)
 

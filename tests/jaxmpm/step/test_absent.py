@@ -109,7 +109,7 @@ def test_xpic_maps_nothing_unless_asked_for():
 
 def test_averages_over_cells_gather_nothing_unless_asked_for():
     # Of the strain; with friction of a gap; without of the stress that acts. Each adds up values and weights.
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
+    sand = mpm.FrictionalSoil(5e3, 30.0, law=mpm.laws.DruckerPrager)
     for soil, more in ((SOIL, 2), (sand, 1), (replace(sand, tension_cutoff=0.0), 2)):
         plain, asked = section(soil, cell_average=False), section(soil, cell_average=True)
         assert scatters(*asked) == scatters(*plain) + 2 * more
@@ -139,7 +139,7 @@ def test_rate_effect_viscosity_and_body_force_leave_no_operation_behind():
 
 
 def test_water_is_absent_from_arguments_and_program_unless_given():
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
+    sand = mpm.FrictionalSoil(5e3, 30.0, law=mpm.laws.DruckerPrager)
     drawn = mpm.Section([(0, 6), (6, 6), (10, 2), (18, 2)])
     dry, table, carried = (
         mpm.section(drawn, sand, NUMERICS, at_rest=False, **water) for water in ({}, {"water": 3.0}, {"r_u": 0.2})
@@ -185,7 +185,7 @@ def longest_loop(program):
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="looks at a program for CPU")
 def test_finite_strains_do_not_join_the_components_of_a_costly_law_in_one_loop():
     # One loop for all of them is not vectorised: a step with Mohr-Coulomb took fifty times as long.
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.MohrCoulomb, tension_cutoff=None)
+    sand = mpm.FrictionalSoil(5e3, 30.0, law=mpm.laws.MohrCoulomb, tension_cutoff=None)
     numerics = mpm.Discretisation(1.0, (0.5,) * 3)
     plain, stretched = (
         longest_loop(stress_update(*mpm.column(4.0, sand, replace(numerics, finite_strain=finite), at_rest=False)))
@@ -210,7 +210,7 @@ def test_zones_are_absent_unless_layers_are_of_different_kinds():
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="looks at a program for CPU")
 @pytest.mark.parametrize("finite", [False, True])
 def test_a_zone_costs_its_own_particles_only(finite):
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.MohrCoulomb, tension_cutoff=0.0)
+    sand = mpm.FrictionalSoil(5e3, 30.0, law=mpm.laws.MohrCoulomb, tension_cutoff=0.0)
     choices = {"finite_strain": finite, "cell_average": False}
     drawn, numerics = mpm.Section([(0, 4), (6, 4)]), replace(NUMERICS, **choices)
     alone = [mpm.section(drawn, soil, numerics, at_rest=False) for soil in (sand, SOIL)]

@@ -20,7 +20,7 @@ from jaxmpm.transfer import cell_sums, filtered, native_available, within_cells
 from tests.differences import check_run
 
 SHAPE = mpm.Slope(crest=6.0, height=4.0, run_per_rise=1.0, toe=8.0, foundation=2.0)
-SAND = mpm.FrictionalSoil(cohesion=3e3, friction=25.0, young=2e7, criterion=mpm.laws.DruckerPrager)
+SAND = mpm.FrictionalSoil(cohesion=3e3, friction=25.0, young=2e7, law=mpm.laws.DruckerPrager)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 CLAY = mpm.Soil(unit_weight=17e3, young=2e7, poisson=0.4, strength=18e3, softening_modulus=40e3, tension_cutoff=0.0)
 FILL = mpm.FrictionalSoil(2e3, 33.0, young=3e7)
@@ -192,7 +192,7 @@ def test_it_lowers_what_locks():
     "criterion", [mpm.laws.MohrCoulomb, pytest.param(mpm.laws.DruckerPrager, marks=pytest.mark.slow)]
 )
 def test_gradients_are_those_of_differences_and_engines_and_lanes_agree(criterion):
-    scene, state = mpm.slope(SHAPE, replace(SAND, criterion=criterion), NUMERICS)
+    scene, state = mpm.slope(SHAPE, replace(SAND, law=criterion), NUMERICS)
     weak = mpm.reduced(scene, 1.3)
 
     def slid(scene, cohesion, friction):

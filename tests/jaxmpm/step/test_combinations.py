@@ -25,7 +25,7 @@ SOILS = {
         cohesion=5e3,
         friction=30.0,
         softening_strain=0.1,
-        criterion=mpm.laws.DruckerPrager,
+        law=mpm.laws.DruckerPrager,
         young=1e7,
         tension_cutoff=0.0,
     ),

@@ -131,7 +131,7 @@ def test_bad_cures_are_refused(soil, numerics, message):
         ({"cohesion": 0.0, "friction": 0.0}, "give at least one"),
         ({"softening_strain": 0.1, "residual_cohesion": 2e4}, "residual_cohesion = 20000"),
         ({"residual_friction": 8.0}, "residual_friction has no effect without softening_strain"),
-        ({"criterion": mpm.laws.J2}, "give MohrCoulomb or DruckerPrager"),
+        ({"law": mpm.laws.J2}, "give MohrCoulomb or DruckerPrager"),
     ],
 )
 def test_bad_frictional_soils_are_refused(soil, message):
@@ -154,7 +154,7 @@ def test_fbar_is_refused_where_strength_depends_on_the_mean_stress():
 def test_frictional_slope_has_the_factor_of_safety_of_its_infinite_slope_bound(criterion):
     # Without cohesion a slope of 1:2 fails at tan(phi) = 1/2 near its surface; with a little cohesion a little later.
     shape = mpm.Slope(crest=6.0, height=4.0, run_per_rise=2.0, toe=8.0, foundation=2.0)
-    soil = mpm.FrictionalSoil(cohesion=1e3, friction=30.0, criterion=criterion, young=2e7)
+    soil = mpm.FrictionalSoil(cohesion=1e3, friction=30.0, law=criterion, young=2e7)
     scene, state = mpm.slope(shape, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
     result = mpm.factor_of_safety(
         scene, state, bracket=(0.6, 3.0), resolution=0.1, t_end=4.0, batch=4, failure_displacement=0.2
