@@ -26,7 +26,7 @@ from cooperative.runs._derived import (
 )
 from cooperative.runs._flow import under_own_flow
 from cooperative.runs._random_soil import RandomSoil
-from cooperative.runs._values import growth_at, values_at
+from cooperative.runs._values import growth_at, times, values_at
 from cooperative.scene import CONTACT, Campaign, RandomField, rested
 from jaxmpm import Face, Scene, State, with_columns
 from jaxmpm.ground import Contact
@@ -309,7 +309,7 @@ class GridModel:
         return {
             name: values_at(
                 self.soil, name, site.values_of(name, random), self._points(random), self.growth[name], self.layer,
-                sample,
+                sample, self.scene.grid.cell if random.sampled_at == "cell averages" else None,
             )
             for name, random in self.campaign.random.items()
         }  # fmt: skip
@@ -337,8 +337,10 @@ class GridModel:
             field, group = self.campaign.random[name], self.soil.groups_of(name)[None]
             gaussian = kl.field_at(group.expansion, self.soil.coefficients(sample)[name], group.inside(points))
             value = self.soil.marginal(field, name, sample, None).transform(gaussian)
-            if field.trend is not None:
-                value = value * jnp.asarray(field.grown(site.depth(contact.points, field, 0)), value.dtype)
+            depth = site.depth(contact.points, field, 0)
+            grown = None if field.trend is None else jnp.asarray(field.grown(depth), value.dtype)
+            if (grown := times(grown, self.soil.factor(field, sample))) is not None:
+                value = value * grown.astype(value.dtype)
             strength = jnp.tan(jnp.deg2rad(value)) if key == CONTACT["interface_friction"] else value
             from_soil[key] = contact.spread(self.strength_factor * strength)
         return from_soil

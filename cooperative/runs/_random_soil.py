@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from types import MappingProxyType
 
 import jax
@@ -54,7 +54,7 @@ class Group:
     """
 
     names: tuple[str, ...]
-    expansion: kl.Expansion
+    expansion: kl.Expansion | kl.field.Waves
     box: Box
     root: np.ndarray | None
     conditioning: kl.field.Conditioning | None
@@ -168,7 +168,7 @@ class RandomSoil:
         return tuple(group.expansion.modes for group in self.groups)
 
     @property
-    def expansions(self) -> Mapping[str, kl.Expansion]:
+    def expansions(self) -> Mapping[str, kl.Expansion | kl.field.Waves]:
         """The expansion of the field of each parameter that goes through all layers."""
         return {name: group.expansion for group in self.groups if group.layer is None for name in group.names}
 
@@ -303,13 +303,14 @@ def _group(part: Part, names: tuple[str, ...], correlated: CrossCorrelation | No
         raise ValueError(f"random {' and '.join(names)}: {error}") from error
 
 
-def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion:
+def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion | kl.field.Waves:
     """Of as many modes as hold the field's energy, or of `count` if these hold it but for rounding."""
-    expand = partial(kl.expand, field.covariance, *box, bedding=field.strata)
-    expansion = expand(energy=field.energy)
+    expansion = field.expansion(*box)
     if count is None or count == expansion.modes:
         return expansion
-    counted = expand(modes=count, solver=expansion.solvers)
+    if isinstance(expansion, kl.field.Waves):
+        raise ValueError(f"measured are {count} terms, and form = 'elliptic' has {expansion.modes}: {REMEDY}")
+    counted = field.expansion(*box, modes=count, solver=expansion.solvers)
     energies = np.cumsum(np.asarray(counted.fractions, float))
     if energies[-1] < field.energy - ROUNDING or (count > 1 and energies[-2] > field.energy + ROUNDING):
         raise ValueError(
@@ -326,7 +327,7 @@ def _without_trend(field: RandomField, depths: tuple[float, ...]) -> np.ndarray:
 def _conditioning(
     names: tuple[str, ...],
     measured: tuple[tuple[str, RandomField, np.ndarray], ...],
-    expansion: kl.Expansion,
+    expansion: kl.Expansion | kl.field.Waves,
     box: Box,
     root: np.ndarray | None,
 ) -> kl.field.Conditioning | None:
@@ -364,5 +365,5 @@ def _conditioning(
         return None
     matrix = np.concatenate(rows)
     return kl.field.condition_on(
-        matrix.astype(expansion.axes[0].fractions.dtype), np.concatenate(scores), error=np.concatenate(errors)
+        matrix.astype(expansion.fractions.dtype), np.concatenate(scores), error=np.concatenate(errors)
     )

@@ -45,6 +45,7 @@ def values_at(
     growth: Sequence[jax.Array | None],
     layer: np.ndarray | None,
     sample: jax.Array | np.ndarray,
+    cell: float | None = None,
 ) -> jax.Array:
     """A parameter at points (N,) of a sample.
 
@@ -56,22 +57,27 @@ def values_at(
         growth: by what trends multiply it at the points (N,), in each layer.
         layer: number of the layer of each point (N,), None where the ground has none.
         sample: (modes,) of the sample.
+        cell: edge (m) of the squares or cubes around the points over which its fields are averaged, None for none.
     """
     groups = soil.groups_of(name)
     fields = tuple(
-        (group.expansion, soil.coefficients(sample, stops)[name], group.inside(points))
+        (
+            group.expansion if cell is None else kl.field.averaged(group.expansion, (cell,) * len(points)),
+            soil.coefficients(sample, stops)[name],
+            group.inside(points),
+        )
         for stops, group in groups.items()
     )
     numbers = list(groups)
     of_layer = [number if number in groups else None for number in range(len(layers))]
     marginals = tuple(soil.marginal(each, name, sample, stops) for each, stops in zip(layers, of_layer, strict=True))
     which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
-    grown = tuple(_times(by, soil.factor(each, sample)) for by, each in zip(growth, layers, strict=True))
+    grown = tuple(times(by, soil.factor(each, sample)) for by, each in zip(growth, layers, strict=True))
     return _values(fields, which, marginals, grown, layer)
 
 
-def _times(growth: jax.Array | None, factor: jax.Array | None) -> jax.Array | None:
-    """The product, of which None is no factor."""
+def times(growth: jax.Array | None, factor: jax.Array | None) -> jax.Array | None:
+    """The product of two factors (N,) or (), of which None is none."""
     if growth is None or factor is None:
         return factor if growth is None else growth
     return growth * factor.astype(growth.dtype)
@@ -79,7 +85,7 @@ def _times(growth: jax.Array | None, factor: jax.Array | None) -> jax.Array | No
 
 @partial(jax.jit, static_argnames="which")
 def _values(
-    fields: tuple[tuple[kl.Expansion, jax.Array | np.ndarray, jax.Array], ...],
+    fields: tuple[tuple[kl.Expansion | kl.field.Waves, jax.Array | np.ndarray, jax.Array], ...],
     which: tuple[int, ...],
     marginals: tuple[Marginal, ...],
     grown: tuple[jax.Array | None, ...],

@@ -82,6 +82,15 @@ class InterfaceTable(Part):
         synonyms="slip_weakening_distance softening_length slip",
     )  # fmt: skip
 
+    @validates(mode="after")
+    def _at_nodes(self) -> Self:
+        for name in ("friction", "cohesion"):
+            field = getattr(self, name)
+            if isinstance(field, RandomField) and field.sampled_at != "particles":
+                rule = "is of particles; the field of a contact is taken at the nodes of the grid"
+                raise Invalid((name, "sampled_at"), repr(field.sampled_at), rule, "leave it out")
+        return self
+
 
 CONTACT = key(
     "Strength of the contact of soil with the base or bedrock, on which soil can then slide. It stands for a joint, or "

@@ -38,13 +38,13 @@ from jaxmpm.support.values import by_value
 T = TypeVar("T")
 F = TypeVar("F")
 
-EXTRAS = ("unit", "units", "otherwise", "allowed", "remedy", "synonyms", "per", "infinite")
+EXTRAS = ("unit", "units", "otherwise", "allowed", "remedy", "synonyms", "named", "per", "infinite")
 """What a key's JSON schema has beyond the standard, for messages and for the page of keys."""
 
 
 def key(
     meaning: str, example: object, default: object = ..., *, otherwise: str = "", allowed: str = "", remedy: str = "",
-    synonyms: str = "", units: str = "",
+    synonyms: str = "", named: str = "", units: str = "",
 ) -> Any:  # fmt: skip
     """A key of a table.
 
@@ -55,10 +55,13 @@ def key(
         otherwise: in words, what holds where a scene does not give it and the default is None.
         allowed: in words, what it may hold where its type does not show that.
         remedy: what else to do about a number that is out of range, for the end of a message.
-        synonyms: other words for it, each with what it stands for after "=" where that is not the whole key.
+        synonyms: other words for it, each with what it stands for after "=" where that is not the whole key, "_" for a
+            space there.
+        named: other words for what it may hold, likewise.
         units: what it is measured in, where its type has no unit.
     """
-    extras = {"otherwise": otherwise, "allowed": allowed, "remedy": remedy, "synonyms": synonyms, "units": units}
+    extras = {"otherwise": otherwise, "allowed": allowed, "remedy": remedy, "synonyms": synonyms,
+              "named": named, "units": units}  # fmt: skip
     extra: JsonDict = {name: words for name, words in extras.items() if words}
     return Field(default, description=meaning, examples=[example], json_schema_extra=extra)
 

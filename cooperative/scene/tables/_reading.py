@@ -240,8 +240,9 @@ def _wrong(entry: _Entry, error: ErrorDetails) -> str:
         unit, remedy = first_entry(schema, "unit", ""), schema.get("remedy", "")
         return f"{entry} = {number} {unit}".rstrip() + f": give {allowed}{remedy}"
     if kind in CHOICE:
+        meant = [f" (did you mean {word}?)" for word in _meanings(schema.get("named", ""), str(value))]
         nearest = _nearest(value, first_entry(schema, "enum", list[str]()))
-        return f"{entry} = {shown(value)}: give {wanted(schema)}{nearest}"
+        return f"{entry} = {shown(value)}: give {wanted(schema)}{meant[0] if meant else nearest}"
     itself = f" is {_kind(value)}" if error["input"] is value and kind.endswith("_type") else ""
     return f"{entry} = {shown(value)}{itself}: give {wanted(schema, ends=False)}"
 
@@ -272,10 +273,15 @@ def _synonyms(table: type[Part], key: str) -> list[str]:
     named = []
     for name, field in keys(table).items():
         extra = field.json_schema_extra
-        words = str(extra.get("synonyms", "")).split() if isinstance(extra, dict) else []
-        meanings = [word.partition("=")[2] for word in words if word.partition("=")[0] == key.lower()]
+        meanings = _meanings(str(extra.get("synonyms", "")) if isinstance(extra, dict) else "", key)
         named += [f"{name} ({meaning})" if meaning else repr(name) for meaning in meanings]
     return named
+
+
+def _meanings(synonyms: str, word: str) -> list[str]:
+    """What a word stands for among synonyms as `key` has them; nothing where it is none."""
+    pairs = (synonym.partition("=") for synonym in synonyms.split())
+    return [meaning.replace("_", " ") for name, _, meaning in pairs if name == word.lower()]
 
 
 def _nearest(word: object, known: Iterable[str]) -> str:

@@ -180,6 +180,13 @@ class RandomConductivity(RandomField):
 
     mean: Conductivity = key("Mean; with a trend, the mean at depth 0.", "25 cm/day", units="m/s")
 
+    @validates(mode="after")
+    def _at_centres(self) -> Self:
+        if self.sampled_at != "particles":
+            rule = "is of particles; conductivity is taken at the centres of the cells of the flow"
+            raise Invalid(("sampled_at",), repr(self.sampled_at), rule, "leave it out")
+        return self
+
 
 @table
 class Hydraulics(Part):

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -29,6 +29,7 @@ from cooperative.scene.tables._key import (
     Text,
     Within,
     key,
+    keys,
     one_of,
     table,
 )
@@ -36,6 +37,7 @@ from jaxmpm.soil import soil_limits
 from jaxmpm.support.check import Invalid, Limit, above_zero, at
 from jaxmpm.support.text import shown
 from kl.axis import Covariance, Scaled
+from kl.field import Waves
 from kl.marginal import Marginal
 
 D = TypeVar("D", float, np.ndarray)
@@ -126,22 +128,42 @@ class RandomField(Part):
         "Mean; with a trend, the mean at depth 0, see `trend_from`.", 42e3, units="Pa",
         synonyms="su s_u cu undrained_strength shear_strength average",
     )  # fmt: skip
-    cov: FromZero = key("Coefficient of variation.", 0.3, synonyms="sd std sigma deviation coefficient_of_variation")
+    cov: FromZero = key(
+        "Coefficient of variation.",
+        0.3,
+        synonyms="sd std sigma deviation coefficient_of_variation var=the_root_of_it_over_the_mean",
+    )
     length: PerAxis[Annotated[float, Within(above_zero("m"), infinite=True)]] = key(
         "Correlation length along each axis, as defined by the family; inf: constant along the axis.", [60.0, 2.0],
-        synonyms="lx ly lz theta scale_of_fluctuation correlation_length correlation_lengths",
+        synonyms="lx ly lz theta scale_of_fluctuation correlation_length correlation_lengths "
+        "len_scale=1.13_times_it_of_a_Gaussian_model,_it_of_an_Exponential_one,_1.41_times_it_of_a_Matern_one "
+        "integral_scale=the_same_of_an_Exponential_model anis=the_first_length_times_each_ratio",
     )  # fmt: skip
     marginal: Annotated[type, one_of(MARGINALS, type)] = key(
         "Distribution of the parameter at a point.", "lognormal", "lognormal"
     )
     correlation: Annotated[type, one_of(CORRELATIONS, type)] = key(
-        "Family of correlation functions, see [random fields](random-fields.md).", "exponential", "squared exponential"
+        "Family of correlation functions, see [random fields](random-fields.md).", "exponential", "squared exponential",
+        synonyms="model cov_model covmodel variogram nu='matern_3/2'_of_1.5,_'matern_5/2'_of_2.5,_'exponential'_of_0.5",
+        named="gaussian='squared_exponential' matern='matern_3/2'",
+    )  # fmt: skip
+    form: Literal["product", "elliptic"] = key(
+        "Correlation between the axes: the product of those along each axis, or that of the distance in units of the "
+        "lengths, which is isotropic where these are equal; for the exponential, Matern and squared exponential "
+        "families.",
+        "elliptic",
+        "product",
+        synonyms="isotropic anisotropy separable",
     )
     energy: Annotated[float, Within(Limit(above=0, most=1))] = key(
-        "Share of the field's variance that its terms hold.", 0.999, 0.999
+        "Share of the variance of a product that its terms hold.", 0.999, 0.999
     )
-    sampled_at: Literal["particles", "cells"] = key(
-        "Where the field is evaluated: at particles, or once for each cell.", "particles", "particles"
+    sampled_at: Literal["particles", "cells", "cell averages"] = key(
+        "Where the field is evaluated: at particles, at the centre of each cell, or as its mean over each cell, which "
+        "varies less (local averaging).",
+        "cell averages",
+        "particles",
+        synonyms="local_averaging averaging upscaling coarse_graining",
     )
     lower: Number | None = key(
         "Lower bound of the distribution, where its family has one.", 10e3, None, units="Pa",
@@ -169,6 +191,7 @@ class RandomField(Part):
         {"dip": 15.0, "strike": 90.0},
         None,
         otherwise="level strata",
+        synonyms="angles=dip_is_minus_the_angle_in_degrees rotation",
     )
     nataf: Flag = key(
         "Whether the parameter itself has the correlation, not the Gaussian field behind it.", True, False
@@ -202,6 +225,19 @@ class RandomField(Part):
     @validates(mode="after")
     def _bounds(self) -> Self:
         check_bounds(self.marginal, self.lower, self.upper)
+        return self
+
+    @validates(mode="after")
+    def _elliptic(self) -> Self:
+        if self.form == "product":
+            return self
+        if not hasattr(self.correlation, "smoothness"):
+            known = [name for name, family in CORRELATIONS.items() if hasattr(family, "smoothness")]
+            rule = f"has no form of the distance for correlation = {self.correlation.__name__}"
+            raise Invalid(("form",), repr(self.form), rule, f"give {', '.join(known)}, or leave it out")
+        for name, idle in (("nataf", self.nataf), ("energy", self.energy != keys(RandomField)["energy"].default)):
+            if idle:
+                raise Invalid((name,), None, "is of a product, and form = 'elliptic'", "leave one of them out")
         return self
 
     @property
@@ -247,6 +283,21 @@ class RandomField(Part):
             axis if isinstance(axis, kl.Infinite) else kl.marginal.nataf_corrected(axis, self.distribution)
             for axis in plain
         )
+
+    def expansion(self, corner: tuple[float, ...], extent: tuple[float, ...], **exact: Any) -> kl.Expansion | Waves:
+        """Of the Gaussian field.
+
+        Args:
+            corner: lowest, of the box that holds the ground (d,) m.
+            extent: edges of that box (d,) m.
+            **exact: `modes` and `solver` of `kl.expand` in place of the energy.
+
+        Raises:
+            ValueError: a field that cannot be expanded.
+        """
+        if self.form == "elliptic":
+            return kl.field.isotropic(self.correlation.smoothness, self.length, bedding=self.strata)  # type: ignore[attr-defined]
+        return kl.expand(self.covariance, corner, extent, bedding=self.strata, **(exact or {"energy": self.energy}))
 
     def deepest(self, span: Span) -> float:
         """Largest depth (m) of ground between two elevations, as the trend counts it."""
@@ -352,7 +403,7 @@ class RandomField(Part):
 class CrossCorrelation(Part):
     """Parameters that vary together; those that no such table names vary independently.
 
-    They need the same `length`, `correlation`, `bedding`, `energy` and `nataf`. The matrix is
+    They need the same `length`, `correlation`, `form`, `bedding`, `energy` and `nataf`. The matrix is
     that of the Gaussian fields; with `nataf`, that of the parameters themselves, for which a layer with a distribution
     of its own gives a `length` too. A layer gives a `length` to all of the parameters or to none.
     """
@@ -394,13 +445,13 @@ def check_cross_correlation(correlation: CrossCorrelation, random: Mapping[str, 
             raise Invalid(("matrix",), None, rule, "give a row and a column for each")
         for name in names[1:]:
             if _shape(random[name]) != _shape(random[names[0]]):
-                rule = f"has not the length, correlation, bedding, energy and nataf of {names[0]}"
+                rule = f"has not the length, correlation, form, bedding, energy and nataf of {names[0]}"
                 raise Invalid((name,), None, rule, "give fields that correlate the same")
         correlation.gaussian_root(random)
 
 
 def _shape(field: RandomField) -> tuple[object, ...]:
     """What fields that correlate have in common: their expansion."""
-    shared = (field.correlation, field.length, field.strata, field.energy, field.nataf)
+    shared = (field.correlation, field.form, field.length, field.strata, field.energy, field.nataf)
     bounds = (None if end is None else end / field.mean for end in (field.lower, field.upper))
     return (*shared, field.marginal, field.cov, *bounds) if field.nataf else shared
