@@ -89,9 +89,12 @@ def _run(source: Source, folder: Path, args: argparse.Namespace) -> None:
     with runs.stop_by_signals(ends_process=True):
         executor = None if args.dask is None else runs.dask_executor(args.dask)
         workers = default_workers() if args.workers is None else args.workers
+        ranks = campaign.NO_RANKS
+        if isinstance(source.tables.get("coarse"), str):
+            from cooperative.tools.safety import RANKS as ranks  # loads what few scenes need
         campaign.run(
             source, folder, workers=workers, executor=executor, refined_runs=args.refined_runs,
-            slides_t_end=args.slides_t_end, progress=True, verify=args.verify,
+            slides_t_end=args.slides_t_end, progress=True, verify=args.verify, ranks=ranks,
         )  # fmt: skip
     print(report(folder))
 

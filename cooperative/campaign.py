@@ -9,12 +9,14 @@ Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413,
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 
@@ -49,6 +51,10 @@ from cooperative.store import (
 from cooperative.summary import Summary, slides_of
 from cooperative.summary import summarise as summary_of
 
+Ranks: TypeAlias = Mapping[str, Callable[[Campaign, np.ndarray], np.ndarray]]
+"""Functions that rank samples, by name."""
+NO_RANKS: Ranks = MappingProxyType({})
+
 
 def run(
     scene: Campaign | Source | str | Path,
@@ -62,6 +68,7 @@ def run(
     estimator: Estimator | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
     verify: bool = False,
+    ranks: Ranks = NO_RANKS,
 ) -> Summary:
     """Run the campaign of a scene in its folder, or go on where it was.
 
@@ -84,6 +91,8 @@ def run(
         on_phase: called as "screening", "audit", "slides" and "summary" begin; it may raise, and the campaign ends
             there.
         verify: read every file of fields and compare it with its checksum, and solve for the stress at rest anew.
+        ranks: functions that rank samples, by the names that `coarse` of a scene may have for them:
+            `cooperative.tools.safety.RANKS`. `jaxmpm run` gives these.
 
     Returns:
         The summary.
@@ -100,13 +109,16 @@ def run(
     runs.packed(campaign)  # nothing is written for one that cannot be sent
     check_samples(campaign)
     runs.check_size(campaign, workers if executor is None else 1)
+    if isinstance(campaign.rank, str) and campaign.rank not in ranks:
+        remedy = "give run(..., ranks=cooperative.tools.safety.RANKS), as jaxmpm run does"
+        raise ValueError(f"coarse = {campaign.rank!r} is a name, for which there is no function: {remedy}")
     pool = None
     if executor is not None or workers > 1:
         make = executor or partial(runs.process_pool, workers)
         pool = runs.Workers(make, workers, ahead=0 if executor else workers)
     with _opened(campaign, source, folder, pool, slides_t_end, progress=progress, verify=verify) as runner:
         on_phase("screening")
-        findings = screen(runner, draw(runner))
+        findings = screen(runner, draw(runner, ranks))
         on_phase("audit")
         findings = refine(runner, findings)
         on_phase("slides")
@@ -235,25 +247,26 @@ def _opened(
             yield Runner(campaign, models, store, pool, stop, bar)
 
 
-def draw(runner: Runner) -> Findings:
+def draw(runner: Runner, ranks: Ranks = NO_RANKS) -> Findings:
     """Draw the first samples of the rough grid; where there is a coarse grid, all run there first, or are ranked.
 
     Args:
         runner: of the campaign.
+        ranks: functions that rank, by name, as of `run`.
     """
     campaign, rough = runner.campaign, runner.rows("rough").results
-    sampling = runs.sampling_of(campaign, _zones(runner))
+    sampling = runs.sampling_of(campaign, _zones(runner, ranks))
     phases = Phases.of(campaign.estimator, sampling, rough, {})
     return Findings(sampling, campaign.estimator.coefficients(sampling, rough), phases)
 
 
-def _zones(runner: Runner) -> dict[int, Zone] | None:
+def _zones(runner: Runner, ranks: Ranks) -> dict[int, Zone] | None:
     """What each sample of the rough grid stands for, by number, as the coarse phase draws them; None without one."""
     campaign = runner.campaign
     if campaign.coarse is None:
         return None
     if campaign.rank is not None:
-        return runs.draw_by(campaign, runs.screened_by(_scores(runner)))
+        return runs.draw_by(campaign, runs.screened_by(_scores(runner, ranks)))
     results = runner.rows(COARSE).results
     samples, coefficients = campaign.plan.samples, runs.sampling_of(campaign).draw()
     with runner.bar("coarse grid", samples, len(results)) as bar:
@@ -265,13 +278,13 @@ def _zones(runner: Runner) -> dict[int, Zone] | None:
     return runs.draw_by(campaign, results)
 
 
-def _scores(runner: Runner) -> np.ndarray:
+def _scores(runner: Runner, ranks: Ranks) -> np.ndarray:
     """The scores of all samples, which the folder keeps: a campaign that goes on has the same ones."""
     campaign, store = runner.campaign, runner.store
     kept = stored_text(store.folder, SCORES)
     if kept is None:
         with runner.stop.at_once():
-            scores = runs.scores_of(campaign, runs.sampling_of(campaign).draw())
+            scores = runs.scores_of(campaign, runs.sampling_of(campaign).draw(), ranks)
         kept = json.dumps([None if np.isnan(score) else score for score in scores.tolist()])
         store_text(store, SCORES, kept)
     return np.array(json.loads(kept), float)

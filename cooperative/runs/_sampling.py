@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
 
 import jax
 import numpy as np
@@ -96,18 +98,21 @@ def draw_by(campaign: Campaign, coarse: Screened) -> dict[int, Zone]:
     return draw_samples(population, plan.rough_samples, plan.seed)
 
 
-def scores_of(campaign: Campaign, coefficients: np.ndarray) -> np.ndarray:
+def scores_of(
+    campaign: Campaign, coefficients: np.ndarray, ranks: Mapping[str, Callable[..., Any]] = MappingProxyType({})
+) -> np.ndarray:
     """What the campaign's rank makes of its samples (samples,), nan where it has no answer.
 
     Args:
         campaign: whose coarse phase is a function.
         coefficients: of all samples (samples, modes).
+        ranks: functions that rank, by the names that a campaign may have for them.
 
     Raises:
         ValueError: it gives no number for each sample.
     """
     campaign.require("coarse")
-    rank = campaign.rank
+    rank = ranks[campaign.rank] if isinstance(campaign.rank, str) else campaign.rank
     assert callable(rank)
     scores = np.asarray(rank(campaign, coefficients))
     if scores.shape != coefficients.shape[:1] or scores.dtype.kind not in "buif" or np.isinf(scores).any():
@@ -126,6 +131,8 @@ def name_of_rank(campaign: Campaign) -> str | None:
         campaign: the campaign.
     """
     rank = campaign.rank
+    if isinstance(rank, str):
+        return rank
     if isinstance(rank, FromScript):
         return rank.words.partition("(")[0]
     kind = rank if rank is None or hasattr(rank, "__qualname__") else type(rank)

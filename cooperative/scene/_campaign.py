@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, fields, is_dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 import shapely
@@ -88,7 +88,8 @@ class Campaign(Part):
         exposed: elements at risk.
         coarse: what all samples pass first, so that few run on the rough grid: a grid coarser than that, or a function
             that ranks them, `rank(campaign, coefficients)`. That is given the coefficients of all samples (samples,
-            modes) and gives a number for each (samples,): the larger, the likelier its slope fails. None for neither.
+            modes) and gives a number for each (samples,): the larger, the likelier its slope fails. "slices" names one
+            that `run` is given. None for neither.
         name: of the campaign, one line.
         measured: terms, factors of safety and limit load that are known; a folder adds what it has measured.
         raised: refined runs that the campaign's folder allows beyond the estimator's.
@@ -112,7 +113,7 @@ class Campaign(Part):
     estimator: SkipValidation[Estimator] = TwoPhase()
     hazard: Hazard | None = None
     exposed: tuple[Exposed, ...] = ()
-    coarse: CampaignGrid | FromScript | Callable[..., Any] | None = None
+    coarse: CampaignGrid | FromScript | Literal["slices"] | Callable[..., Any] | None = None
     name: str = "campaign"
     measured: Measured = Measured()
     raised: Budget | None = None
@@ -210,8 +211,8 @@ class Campaign(Part):
         return own if flows is None else {**own, CONDUCTIVITY: flows}
 
     @property
-    def rank(self) -> Callable[..., Any] | FromScript | None:
-        """What ranks the samples in place of a coarse grid, None without."""
+    def rank(self) -> Callable[..., Any] | FromScript | str | None:
+        """What ranks the samples in place of a coarse grid, or its name; None without."""
         return None if isinstance(self.coarse, CampaignGrid) else self.coarse
 
     @property
@@ -466,6 +467,8 @@ def _check_sizes_of_cells(campaign: Campaign) -> None:
     if (campaign.coarse is None) != (plan.rough_samples is None):
         has, lacks = ("a coarse grid", "rough_samples")[:: 1 if campaign.coarse else -1]
         raise Invalid(("the campaign",), None, f"has {has} without {lacks}", "give both, or neither")
+    if campaign.rank == "slices" and campaign.dimension == 3:
+        raise Invalid(("coarse",), "'slices'", "is for sections, not for ground in 3D", "give a coarse grid")
     for (wide, large), (fine, small) in pairwise((name, grid.cell) for name, grid in campaign.grids.items()):
         if small > large or (wide == "coarse" and small == large):
             rule = f"has cells of {large:g} m, the {fine} one of {small:g} m"

@@ -257,7 +257,9 @@ def _site(scene: tables.SceneTable, table: tables.SlopeTable | tables.GroundTabl
         section.check()
         return Site(section, table.ends, water=scene.water, origin=(table.origin or 0.0, 0.0))
     surface = cast(Raster, table.surface)
-    cells = tuple(grid.cell for grid in (scene.coarse, scene.rough, scene.refined) if grid is not None)
+    cells = tuple(
+        grid.cell for grid in (scene.coarse, scene.rough, scene.refined) if isinstance(grid, tables.CampaignGrid)
+    )
     if table.origin is None:
         ask_for_origin(surface)
     x, y = (walls or between_cells(ends, cells) for walls, ends in zip((table.x, table.y), surface.ends, strict=True))

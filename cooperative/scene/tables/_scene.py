@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import MaxLen
 from pydantic import Field
@@ -13,7 +13,7 @@ from pydantic.config import JsonDict
 from cooperative.scene.tables._campaign import CampaignGrid, PlanAndEstimator
 from cooperative.scene.tables._ground import GroundTable, SlopeTable, TerrainTable, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
-from cooperative.scene.tables._key import Part, plain_name, table
+from cooperative.scene.tables._key import OrTable, Part, plain_name, table
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._run import Run
 from cooperative.scene.tables._seepage import Drawdown, Rain
@@ -53,10 +53,11 @@ class SceneTable(Part):
     refined: CampaignGrid = Field(
         kw_only=True, description="The grid of the audit, on which ranked samples run. Keys as in `[rough]`."
     )
-    coarse: CampaignGrid | None = Field(
+    coarse: OrTable[Literal["slices"], CampaignGrid] | None = Field(
         None,
         description="A grid coarser than the rough one, on which all samples run first. By their displacement there, "
-        "the campaign draws the `rough_samples` that run on the rough grid. Keys as in `[rough]`.",
+        "the campaign draws the `rough_samples` that run on the rough grid. Keys as in `[rough]`. Or a line "
+        '`coarse = "slices"` before all tables: the factor of safety by slices ranks the samples of a section instead.',
     )
     run: Run = Field(default_factory=Run)
     motion: Motion | None = None

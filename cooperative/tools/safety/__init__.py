@@ -2,12 +2,13 @@
 
 from cooperative.tools.safety._factor import Safety, factor_of_safety, of_own_flow, sample_strength, slices_at_rest
 from cooperative.tools.safety._pictures import draw_safety, write_safety
-from cooperative.tools.safety._rank import rank_by_slices
+from cooperative.tools.safety._rank import RANKS, rank_by_slices
 from cooperative.tools.safety._search import Critical, critical_surface
 from cooperative.tools.safety._slices import Circle, Conditions, Slices, Slip, zones
 from cooperative.tools.safety._words import lines_of_equilibrium, lines_of_solver, progress_line
 
 __all__ = [
+    "RANKS",
     "Circle",
     "Conditions",
     "Critical",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from cooperative.runs import build, random_soil
@@ -37,3 +40,7 @@ def rank_by_slices(campaign: Campaign, coefficients: np.ndarray) -> np.ndarray:
     circles = circles[np.argsort(factors)[:KEPT]]
     least = [factors_of_circles(slices_of_sample(model, sample), circles).min() for sample in coefficients]
     return -np.where(np.isfinite(least), least, np.nan)
+
+
+RANKS: Mapping[str, Callable[[Campaign, np.ndarray], np.ndarray]] = MappingProxyType({"slices": rank_by_slices})
+"""Functions that rank samples, by the names that `coarse` of a scene has for them, for `cooperative.run`."""

@@ -14,7 +14,7 @@ from cooperative.reporting._sentences import screened, words
 from cooperative.runs import coefficients_of, random_soil, scores_of, screened_by
 from cooperative.scene import Campaign, campaign_of, parse
 from cooperative.store import COARSE, read_rows, read_store, stored_text
-from cooperative.tools.safety import factor_of_safety, rank_by_slices
+from cooperative.tools.safety import RANKS, factor_of_safety, rank_by_slices
 from jaxmpm import FrictionalSoil, Section
 
 SCENE = TINY.replace(
@@ -141,7 +141,7 @@ def test_what_is_no_score_is_refused(scores, message):
 
 def test_what_neither_ranks_nor_is_a_grid_is_refused():
     with pytest.raises(ValueError, match="coarse"):
-        ranked("slices")
+        ranked("slice")
     with pytest.raises(ValueError, match="has a coarse grid without rough_samples: give both, or neither"):
         replace(parse(SCENE), coarse=by_first)
 
@@ -173,3 +173,36 @@ def test_rows_are_read_by_the_path_of_the_folder_or_its_database(done):
         assert (read_rows(path).columns["displacement"] == known).all()
     with pytest.raises(ValueError, match="holds no campaign"):
         read_rows(done[0].parent)
+
+
+SLICED = 'coarse = "slices"\n' + SCENE.replace("samples = 40\n", "samples = 40\nrough_samples = 10\n").replace(
+    "t_end = 4.0", "t_end = 0.3"
+)
+
+
+def test_a_scene_names_the_slices_that_rank_its_samples(tmp_path):
+    with pytest.raises(ValueError, match=r"coarse = 'slices' is a name, .* ranks=cooperative.tools.safety.RANKS"):
+        run(SLICED, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+    summary = run(SLICED, tmp_path / "out", ranks=RANKS)
+    campaign = campaign_of(read_store(tmp_path / "out"))
+    assert (campaign.coarse, summary.cost.ranked_by, summary.cost.samples) == ("slices", "slices", 10)
+    scores = np.array(json.loads(stored_text(tmp_path / "out", "scores")), float)
+    known = rank_by_slices(campaign, np.asarray(coefficients_of(campaign, random_soil(campaign))))
+    assert scores == pytest.approx(known, rel=1e-6)
+    assert read_results(tmp_path / "out").summary == summary
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"slices"', '"slice"', "coarse = 'slice': give 'slices', or a table"),
+        ('"slices"', '"os:system"', "coarse = 'os:system': give 'slices', or a table"),
+        ("rough_samples = 10\n", "", "has a coarse grid without rough_samples: give both"),
+        ("toe = 16.0", "toe = 16.0\nwidth = 4.0", "coarse = 'slices' is for sections, not for ground in 3D"),
+    ],
+)
+def test_a_scene_names_only_what_this_package_has(old, new, message):
+    solid = SLICED.replace("1.0]", "1.0, 1.0]").replace("0.5]", "0.5, 0.5]").replace("4.0]", "4.0, 4.0]")
+    with pytest.raises(ValueError, match=message):
+        parse((solid if "width" in new else SLICED).replace(old, new))

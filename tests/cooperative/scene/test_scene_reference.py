@@ -52,7 +52,12 @@ def properties(section):
     """The schema of a table's keys."""
     whole = schema().schema
     entry = whole["properties"][section]
-    name = (entry["items"] if section in SEVERAL else entry)["$ref"].rpartition("/")[2]
+    entry = (
+        entry["items"]
+        if section in SEVERAL
+        else next((part for part in entry.get("oneOf", ()) if "$ref" in part), entry)
+    )
+    name = entry["$ref"].rpartition("/")[2]
     return whole["$defs"][name]["properties"]
 
 
