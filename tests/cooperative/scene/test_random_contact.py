@@ -3,10 +3,13 @@
 import dataclasses
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxmpm as mpm
+import kl
+from benchmarks.robustness.invented import TERRAIN
 from cooperative import runs
 from cooperative.scene import parse, read
 from tests.cooperative.scene.test_contact_of_soil import SCENE as OF_SOIL
@@ -130,6 +133,11 @@ def test_a_trend_grows_with_depth_and_correlation_goes_with_the_soil():
         ("mean = 4e3", "mean = 4.0", r"\[ground.interface.cohesion\] mean = 4 .* kPa"),
         ("cov = 0.2", "cov = 0.8", r"\[ground.interface.friction\] has values of"),
         ("length = [3.0, inf]", "length = [3.0]", "interface_cohesion has a length of 1 values: give 2"),
+        (
+            "cov = 0.4",
+            "cov = 0.4, sampled_at = 'cells'",
+            r"cohesion\]? sampled_at = 'cells' is of particles; the field of a",
+        ),
     ],
 )
 def test_fields_that_no_contact_has_are_refused(old, new, why):
@@ -145,3 +153,37 @@ def test_a_campaign_in_python_needs_an_interface_with_what_varies():
         with pytest.raises(ValueError, match=r"random holds .*interface_cohesion, which is no parameter"):
             runs.build(bare, "rough", runs.random_soil(bare))
     assert math.isclose(campaign.site.shape.interface.cohesion, 4e3)
+
+
+LEVEL = SCENE.replace("bedrock = [[0.0, 3.0], [4.0, 3.0], [8.0, 1.0], [14.0, 1.0]]\n", "base = 0.0\n")
+TERRAIN_INTERFACE = """
+[terrain.interface]
+friction = { mean = 15.0, cov = 0.2, length = [6.0, 3.0, inf], form = "elliptic", correlation = "exponential" }
+cohesion = { mean = 4e3, cov = 0.4, length = [6.0, 3.0, inf] }
+"""
+SOLID = TERRAIN.replace("\n[soil]", f"\n{TERRAIN_INTERFACE}[soil]", 1)
+
+
+@pytest.mark.parametrize("scene", [LEVEL, SOLID], ids=["section", "terrain"])
+def test_the_field_of_a_level_base_reaches_its_nodes_in_2d_and_3d(scene):
+    model, coefficients = model_of(scene)
+    assert set(model.of_contact) == {"wall_friction", "wall_cohesion"}
+    sample, points = coefficients[0], jnp.asarray(model.contact.points, jnp.float32)
+    (group,) = model.soil.groups_of("interface_friction").values()
+    field = model.campaign.random["interface_friction"]
+    drawn = kl.field_at(group.expansion, model.soil.coefficients(sample)["interface_friction"], group.inside(points))
+    angle = np.degrees(np.arctan(at_nodes(model, sample, "wall_friction")))
+    np.testing.assert_allclose(angle, field.distribution.transform(drawn), rtol=1e-4)
+    assert np.ptp(angle) > 1
+    weak, strong = (
+        mpm.with_soil(*model.of_sample(sample), wall_friction=friction, wall_cohesion=0.0) for friction in (0.02, 0.8)
+    )
+    low, high = (float(mpm.diagnostics.largest_displacement(mpm.solve(*s, t_end=0.3).state)) for s in (weak, strong))
+    assert low > 1.05 * high
+
+
+def test_a_factor_of_the_sample_multiplies_the_contact():
+    model, coefficients = model_of(SCENE.replace("mean = 4e3, cov = 0.4,", "mean = 4e3, cov = 0.4, factor_cov = 0.3,"))
+    field, rest = model.campaign.random["interface_cohesion"], coefficients[0][1:]
+    low, high = (at_nodes(model, np.append(score, rest), "wall_cohesion") for score in (0.0, 1.5))
+    np.testing.assert_allclose(high, float(field.factor(1.5) / field.factor(0.0)) * low, rtol=1e-4)
