@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -73,10 +73,10 @@ def scene_campaign(name: str) -> Campaign:
     return parse((ROOT / "benchmarks" / "scenes" / f"{name}.toml").read_text())
 
 
-def code_digest(*texts: str) -> str:
-    """Of the code that runs, native kernels included, and of the scenes that it runs."""
+def code_digest(*texts: str, folders: Iterable[str] = ("jaxmpm", "kl", "cooperative")) -> str:
+    """Of the code in these folders that runs, native kernels included, and of the scenes that it runs."""
     digest = hashlib.sha256("\0".join(texts).encode())
-    for package in ("jaxmpm", "kl", "cooperative"):
+    for package in folders:
         for path in sorted((ROOT / package).rglob("*")):
             if path.suffix in (".py", ".so"):
                 digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
