@@ -2,15 +2,20 @@
 
 import logging
 import re
+import subprocess
+import sys
 from dataclasses import fields, replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm import equations
+from jaxmpm import equations, seepage
 from jaxmpm.tensors import safe_sqrt
+from tests import ROOT
+from tests.scenes import tables
 
 SHAPE = mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2)
 SOIL = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
@@ -153,6 +158,67 @@ def test_water_is_absent_from_arguments_and_program_unless_given():
         assert len(program(*wet)) > len(text)
     # Clay has the same program as before there was water: no force but that of its stress and weight is mapped.
     assert scatters(*section()) == 6
+
+
+class AtRest:
+    """Heads of water at rest at 3 m."""
+
+    def at(self, position):
+        return 3.0 - np.asarray(position)[-1]
+
+
+def test_rain_is_one_array_of_the_scene_that_rests_in_it_and_none_of_the_dry_one():
+    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
+    dry, state = mpm.section(mpm.Section([(0, 6), (6, 6), (10, 2), (18, 2)]), sand, NUMERICS, at_rest=False)
+    wet = seepage.with_pressure(dry, AtRest(), retention=seepage.soil_class("loam"), dry_weight=15e3)
+    assert dry.loads.pore_pressure is None
+    assert len(jax.tree.leaves(wet)) == len(jax.tree.leaves(dry)) + 1
+    text = program(dry, state)
+    assert len(program(wet, state)) > len(text)
+    # What rain has left behind is a number a particle: its program is that of any pore pressure.
+    given = replace(dry, loads=replace(dry.loads, pore_pressure=jnp.ones_like(dry.particles.mass)))
+    assert program(wet, state) == program(given, state)
+
+
+DRY = """
+[ground]
+surface = [[0.0, 8.0], [6.0, 8.0], [14.0, 2.0], [22.0, 2.0]]
+[soil]
+unit_weight = 19e3
+young = 2e7
+poisson = 0.3
+friction = 30.0
+[soil.cohesion]
+mean = 3e3
+cov = 0.3
+length = [10.0, 2.0]
+"""
+WITHOUT_RAIN = """
+import sys
+import jax
+import jaxmpm as mpm
+from cooperative import campaign, exports, reporting, runs
+from cooperative.scene import parse
+from cooperative.tools import safety
+
+scene = parse(sys.argv[1])
+soil = runs.random_soil(scene)
+model = runs.build(scene, "rough", soil, at_rest=False)
+safety.slices_at_rest(scene)
+varied, state = mpm.with_soil(
+    model.scene, mpm.unstressed(model.scene), **model.varied(runs.coefficients_of(scene, soil)[0])
+)
+text = jax.jit(mpm.step).lower(varied, state, varied.numerics.time_step).as_text()
+rooms = "jaxmpm.seepage", "cooperative.scene._flow", "cooperative.tools.seepage", "cooperative.tools.in_time"
+print("stablehlo.add " in text, [name for name in sys.modules if name.startswith(rooms)])
+"""
+
+
+def test_a_campaign_without_rain_imports_and_compiles_nothing_of_the_flow():
+    """A process that has read, screened and traced it has no module of the flow, and so no operation of it."""
+    command = [sys.executable, "-c", WITHOUT_RAIN, DRY + tables(1.0)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "True []"
 
 
 def test_finite_strains_leave_no_operation_and_no_array_behind():
