@@ -114,6 +114,22 @@ def test_rain_table_is_taken_to_the_drop():
     assert np.any(np.isclose(np.cumsum(flow.durations), 5000.0, rtol=1e-12))
 
 
+def test_more_rain_leaves_no_head_lower():
+    """Of two storms the one with the higher rate, or that lasts longer, has the higher heads everywhere after it."""
+    column = seepage.cells((3.0,), (30,))
+
+    def heads(rate, hours):
+        rain = seepage.open_face(rain=([0.0, 3600.0 * hours], [rate, 0.0]))
+        problem = seepage.problem(column, seepage.soil_class("loam"), rain, seepage.held_head("base", level=0.5))
+        return np.asarray(done(problem, seepage.hydrostatic(problem, 0.5), [2 * cases.DAY], tolerance=0.002).head[-1])
+
+    by_storm = np.array([[heads(rate, hours) for hours in (6.0, 12.0, 24.0)] for rate in (1e-6, 3e-6, 1e-5)])
+    # Steps are those of each flow, which leaves some mm.
+    assert np.diff(by_storm, axis=0).min() > -0.005
+    assert np.diff(by_storm, axis=1).min() > -0.005
+    assert np.ptp(by_storm, axis=(0, 1)).max() > 0.5
+
+
 def test_drawdown_leaves_a_seepage_face():
     """A level that falls from 9 to 2 m: soil drains through the face above it, and head there is that of air."""
     dam = seepage.cells((6.0, 10.0), (6, 10))
