@@ -47,22 +47,20 @@ def _of_storms(result: Chart) -> Figure:
     """P_f in a box for each storm, with the lines of CHANCES and their intervals."""
     figure, (ax,) = panels(1, size=(7.0, 4.6))
     hours, rates = np.array(result.durations) / HOUR, np.array(result.rates) * MM_PER_HOUR
-    drawn = ax.pcolormesh(_edges(hours), _edges(rates), result.probability, cmap="Greys", vmin=0, vmax=1.8)
-    for row, rate in zip(result.estimates, rates, strict=True):
-        for each, hour in zip(row, hours, strict=True):
+    edges = _edges(hours), _edges(rates)
+    drawn = ax.pcolormesh(*edges, result.probability, cmap="Greys", vmin=0, vmax=1.8)
+    for row, top in zip(result.estimates, edges[1][1:], strict=True):
+        for each, left in zip(row, edges[0], strict=False):
             low, high = each.interval
-            words = f"{each.probability:.2f}\n{low:.2f}-{high:.2f}"
-            ax.text(
-                hour, rate, words, ha="center", va="center", fontsize=7, color="k" if each.probability < 0.9 else "w"
-            )
-    for chance, colour in zip(CHANCES, COLOURS, strict=True):
+            words = f" {each.probability:.2f}\n {low:.2f} to {high:.2f}"
+            ax.text(left, 0.97 * top, words, va="top", fontsize=7)
+    # Bars of one duration stand beside each other; where an end lies beyond the chart, a bar goes on to its edge.
+    for number, (chance, colour) in enumerate(zip(CHANCES, COLOURS, strict=True)):
         line, low, high = (MM_PER_HOUR * each for each in _line(result, chance))
-        ends = ax.get_ylim()
-        # Where an end of the interval lies beyond the chart, the band goes on to its edge.
-        known = np.isfinite(line)
-        low, high = np.where(known & np.isnan(low), ends[0], low), np.where(known & np.isnan(high), ends[1], high)
-        ax.fill_between(hours, low, high, color=colour, alpha=0.25, lw=0)
-        ax.plot(hours, line, "o-", color=colour, label=f"P_f = {chance:.0%}")
+        ends = np.nan_to_num(low, nan=edges[1][0]), np.nan_to_num(high, nan=edges[1][-1])
+        there, at = np.isfinite(line), hours * 1.04 ** (number - 1)
+        ax.vlines(at[there], ends[0][there], ends[1][there], color=colour, lw=1.2)
+        ax.plot(at, line, "o-", ms=4, color=colour, label=f"P_f = {chance:.0%}, 95 % interval")
     ax.set(xlabel="duration of the rain [h]", ylabel="intensity [mm/h]")
     _logarithmic(ax, x=hours, y=rates)
     ax.set_title(literal(result.campaign.name), loc="left")
