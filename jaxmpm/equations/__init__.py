@@ -6,6 +6,7 @@ from jaxmpm.equations._maps import MASS_FLOOR, Maps, grid_position, reciprocal
 from jaxmpm.equations._nodes import (
     GridMotion,
     Nodal,
+    braked,
     external_force,
     felt_gravity,
     move_grid,
@@ -22,6 +23,7 @@ __all__ = [
     "Nodal",
     "acting_stress",
     "beyond_ends",
+    "braked",
     "bridged",
     "by_levels",
     "closed",

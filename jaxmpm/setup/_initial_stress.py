@@ -20,6 +20,7 @@ from jaxmpm import tensors
 from jaxmpm.boundary import hold
 from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress, closed, external_force, gaps, sheared
 from jaxmpm.laws import elastic_increment
+from jaxmpm.setup._contact import borne_by_contact
 from jaxmpm.setup._law import force_of_water, wave_speed
 from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.support import check
@@ -252,8 +253,10 @@ def settled(scene: Scene, state: State) -> State:
     """State with the stress of elastic gravity loading, solved from the columns' own weight.
 
     The horizontal stress to start from is K0 times the vertical one: the scene's `k0`, by default nu / (1 - nu). The
-    loading adds what the ground's shape asks for, nothing where it is level. Numbers of the soil, the loads and the
-    water may be traced. A lane that is not balanced then has the status BAD_PARAMETER.
+    loading adds what the ground's shape asks for, nothing where it is level. A contact bears no more than its strength:
+    where soil that sticks to it would draw on it by more, the soil comes to rest on it, or in a steady slide. Numbers
+    of the soil, the loads and the water may be traced. Soil then sticks to contacts, and a lane that is not balanced
+    has the status BAD_PARAMETER.
 
     Args:
         scene: to load.
@@ -290,6 +293,8 @@ def settled(scene: Scene, state: State) -> State:
         balanced, residual, _ = elastic_equilibrium(scene, balanced, gapped=gapped)
     if not float(residual) < RESIDUAL:
         balanced = _with_loose_soil(scene, stress, gapped, float(residual))
+    if scene.boundary.friction is not None:
+        balanced = borne_by_contact(scene, replace(state, stress=balanced))
     return with_stress(scene, state, balanced)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
+from benchmarks.accuracy import earthquakes
 from jaxmpm.run._strength_reduction import reductions
 from tests.differences import check_run
 from tests.jaxmpm.step.test_absent import count, program
@@ -145,6 +146,27 @@ def test_a_block_on_a_plane_is_held_back_by_the_cohesion_under_it(friction, cohe
     result = mpm.solve(scene, mpm.at_rest(scene), t_end=1.0).raise_if_failed()
     displacement = float(jnp.mean(result.state.displacement[0]))
     assert np.isclose(displacement, 0.5 * (pull[0] - held), rtol=0.02)
+
+
+@pytest.mark.usefixtures("x64")
+def test_a_block_at_the_edge_of_sliding_rests_and_beyond_it_slides_at_the_rate_of_coulombs_law():
+    """From the stress of a block that is glued down it would creep by 24 mm, and slide 23 % too far."""
+    tilt, t_end = math.radians(25.0), 1.0
+    scene, glued = earthquakes.block(0.25, 1e7, tilt=tilt)
+
+    def travel(coefficient):
+        on_it, _ = mpm.with_soil(scene, glued, wall_friction=coefficient)
+        return float(jnp.mean(mpm.solve(on_it, mpm.at_rest(on_it), t_end=t_end).state.displacement[0]))
+
+    assert abs(travel(1.0008 * math.tan(tilt))) < 1e-6
+    exact = earthquakes.GRAVITY * (math.sin(tilt) - 0.45 * math.cos(tilt)) * t_end**2 / 2
+    assert travel(0.45) == pytest.approx(exact, rel=0.01)
+
+
+def test_a_layer_without_end_has_one_stress_at_rest_on_every_contact():
+    """It draws on all of its contact alike, so that of a contact too weak no part slips before the others."""
+    rough, smooth = (np.asarray(layer(mpm.Interface(each), 0.3)[1].stress) for each in (30.0, 10.0))
+    np.testing.assert_array_equal(rough, smooth)
 
 
 def test_strength_reduction_divides_that_of_the_base_too():
