@@ -125,6 +125,8 @@ class Boundary:
             None if walls are all.
         softening: (2,) share of that friction and cohesion which slip leaves, and the slip (m) over which they fall to
             it; None for none.
+        softens: whether slip on one takes the strength of undrained soil as the strain of a layer of it would that is
+            as thick as shear bands; static.
     """
 
     walls: Sequence[Wall] = static(default=())
@@ -135,6 +137,7 @@ class Boundary:
     cut: Numbers | None = None
     base: RigidBase | None = None
     softening: Numbers | None = None
+    softens: bool = static(default=False)
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "friction": from_zero(),

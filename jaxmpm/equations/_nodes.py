@@ -15,7 +15,8 @@ from jaxmpm.boundary import Region, hold, slide
 from jaxmpm.equations._gaps import bridged, by_levels, closed, gaps, sheared, shifted
 from jaxmpm.equations._maps import Maps, reciprocal
 from jaxmpm.equations._stress import acting_stress
-from jaxmpm.transfer import momentum
+from jaxmpm.laws import softened
+from jaxmpm.transfer import momentum, thickness_on
 from jaxmpm.types import Scene, State
 
 
@@ -73,7 +74,7 @@ class GridMotion(NamedTuple):
 
 def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stressed: bool = True) -> Nodal:
     """Mass, momentum and force of the particles at the nodes; the force of their stress only if `stressed`."""
-    particles, boundary, passes = scene.particles, scene.boundary, scene.numerics.nonlocal_passes
+    particles, passes = scene.particles, scene.numerics.nonlocal_passes
     volume, shears = particles.volume * state.volume_ratio, sheared(scene)
     changes = [] if passes is None else jax.tree.leaves(state.unaveraged)
     carried = {
@@ -83,8 +84,9 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     external = external_force(scene, maps.position, state.step * dt)
     if external is not None:
         carried["external"] = external
-    if boundary.softening is not None:
-        carried["unsoftened"] = (particles.mass * left_by_slip(boundary.softening, state.displacement))[None]
+    left = left_on_contact(scene, state.displacement)
+    if left is not None:
+        carried["unsoftened"] = (particles.mass * left)[None]
     if bonded(scene):
         carried["volume"] = particles.volume[None]  # without the gaps of soil that has opened, which bear nothing
     if not isinstance(shears, bool):
@@ -119,24 +121,35 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     )
 
 
-def left_by_slip(softening: Array, displacement: Array) -> Array:
-    """Share of the strength of the base that is left under soil, which falls linearly with its slip.
+def left_on_contact(scene: Scene, displacement: Array) -> Array | None:
+    """Share of the strength of the base that is left under soil, which falls with its slip.
 
     The slip is the displacement of the soil next to the base from the start. So it goes with the soil, and soil that
     comes to fresh ground finds no fresh strength there. Soil that slides back would regain strength: `scene` refuses
     the shaking that does this to it.
 
+    A contact that softens as its soil does what a layer of this soil would that is as thick as shear bands, so that
+    slip takes the same work on every grid where softening is scaled by them. Under shaking it keeps its strength.
+
     Source: Palmer and Rice (1973), doi:10.1098/rspa.1973.0040 (strength of a slip surface that falls with slip).
 
     Args:
-        softening: (2,) share that slip leaves at the end, and the slip (m) over which the strength falls to it.
+        scene: of the soil.
         displacement: (d, N) m.
 
     Returns:
-        (N,).
+        (N,); None for a contact that keeps its strength.
     """
-    residual, length = softening
-    return 1 - (1 - residual) * jnp.minimum(tensors.safe_sqrt(jnp.sum(displacement**2, axis=0)) / length, 1)
+    boundary = scene.boundary
+    if boundary.softening is None and (not boundary.softens or scene.loads.motion is not None):
+        return None
+    slip = tensors.safe_sqrt(jnp.sum(displacement**2, axis=0))
+    if boundary.softening is None:
+        numerics = scene.numerics
+        band = thickness_on(numerics.nonlocal_passes, numerics.kernel, scene.grid.cell)
+        return softened(scene.material, slip / band)
+    residual, length = boundary.softening
+    return 1 - (1 - residual) * jnp.minimum(slip / length, 1)
 
 
 def external_force(scene: Scene, position: Array, time: Array) -> Array | None:

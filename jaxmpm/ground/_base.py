@@ -84,6 +84,7 @@ def boundary_of_base(
             cohesion=interface.cohesion if check.is_traced(interface.cohesion) else interface.cohesion or None,
             pressure=pressure,
             softening=None if interface.slip_length is None else (interface.residual_ratio, interface.slip_length),
+            softens=interface.softens,
         )
     if bedrock is None:
         return boundary

@@ -13,7 +13,7 @@ from jaxmpm.laws._parameter import Declared, Parameter, declared, excesses, hard
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
 from jaxmpm.laws._water import WaterSurface, WaterTable
-from jaxmpm.laws._zoned import Zoned, frictional, in_total_stress, laws_of
+from jaxmpm.laws._zoned import Zoned, frictional, in_total_stress, laws_of, softened
 
 __all__ = [
     "J2",
@@ -55,6 +55,7 @@ __all__ = [
     "reduce_strength",
     "remembers_gap",
     "snaps_back",
+    "softened",
     "update_with_gap",
     "volumetric",
     "with_parameters",

@@ -181,6 +181,28 @@ def frictional(law: Material) -> bool | Array:
     return law.per_particle(kinds) if isinstance(law, Zoned) and len(set(kinds)) > 1 else kinds[0]
 
 
+def softened(law: Material, strain: Array) -> Array | None:
+    """Share of the strength of undrained soil that a plastic shear strain leaves.
+
+    Args:
+        law: of the scene.
+        strain: of each particle (N,).
+
+    Returns:
+        (N,), 1 for soil with friction and where nothing softens; None if no undrained soil softens.
+    """
+    zones = law.zones if isinstance(law, Zoned) else [(law, slice(None))]
+    shares = [
+        None if part.FRICTIONAL or getattr(part, "softening", None) is None
+        else part.softening.strength(part.strength, strain[span]) / part.strength
+        for part, span in zones
+    ]  # fmt: skip
+    if all(share is None for share in shares):
+        return None
+    filled = [1.0 if share is None else share for share in shares]
+    return law.per_particle(filled) if isinstance(law, Zoned) else filled[0]
+
+
 @remembers_gap.register
 def _(law: Zoned) -> bool:
     return any(map(remembers_gap, law.laws))

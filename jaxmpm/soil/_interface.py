@@ -22,12 +22,15 @@ class Interface:
         residual_ratio: share of tan(friction) and of cohesion that slip leaves; 1 without softening.
         slip_length: slip over which they fall to it, linearly (m); None without softening. Slip is the displacement
             from the start of the soil next to the base.
+        softens: whether slip takes the strength of undrained soil as the strain of a layer of it would that is as
+            thick as shear bands, a cell or the soil's `softening_length`: give it to a contact with the strength of its soil.
     """
 
     friction: float
     cohesion: float = 0.0
     residual_ratio: float = 1.0
     slip_length: float | None = None
+    softens: bool = False
 
     def check(self) -> None:
         """Raise ValueError for a strength that is impossible for a contact."""
@@ -38,6 +41,11 @@ class Interface:
             raise ValueError(
                 f"the interface has residual_ratio = {self.residual_ratio:g} and slip_length = {self.slip_length}: "
                 "give both, the ratio below 1, or neither"
+            )
+        if self.softens and self.slip_length is not None:
+            raise ValueError(
+                f"the interface has softens = True with slip_length = {self.slip_length:g} m: let it soften as its "
+                "soil does, or over a slip of its own"
             )
         if self.slip_length is not None:
             check.positive("the interface's slip_length", self.slip_length, "m")

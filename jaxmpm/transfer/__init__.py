@@ -1,7 +1,7 @@
 """Transfers between particles and grid: shape functions, both engines, averages over neighbours."""
 
 from jaxmpm.transfer._affine import momentum, nodal_momentum, velocity_gradient
-from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for, within_cells
+from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for, thickness_on, within_cells
 from jaxmpm.transfer._cells import cell_sums
 from jaxmpm.transfer._primitives import scatter_p
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
@@ -34,6 +34,7 @@ __all__ = [
     "nodal_momentum",
     "p2g",
     "passes_for",
+    "thickness_on",
     "scatter_p",
     "velocity_gradient",
     "within_cells",

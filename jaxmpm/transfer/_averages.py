@@ -135,3 +135,14 @@ def passes_for(length: float, kernel: Kernel, cell: float) -> int:
             "give a longer one, or smaller cells"
         )
     return round((length**2 - least**2) / (cell**2 / 2))
+
+
+def thickness_on(passes: int | None, kernel: Kernel, cell: float) -> float:
+    """Thickness (m) of bands with so many filters in the average of the plastic strain; without one it is a cell.
+
+    Args:
+        passes: from `passes_for`, or None without an average.
+        kernel: shape functions.
+        cell: edge of a cell (m).
+    """
+    return cell if passes is None else band_thickness(math.sqrt(passes * cell**2 / 2 + kernel.deviation(cell) ** 2))

@@ -67,7 +67,8 @@ class InterfaceTable(Part):
         units="degrees",
     )
     cohesion: OrTable[Annotated[float, Within(soil_limits()["cohesion"])] | Literal["soil"], RandomField] = key(
-        'Cohesion. `"soil"`: that of the soil, of undrained soil its strength. Or a table, likewise, called '
+        'Cohesion. `"soil"`: that of the soil, of undrained soil its strength, which slip takes as the strain of a '
+        "shear band in that soil does, unless `slip_length` is given. Or a table, likewise, called "
         "`interface_cohesion`.",
         0.0,
         0.0,

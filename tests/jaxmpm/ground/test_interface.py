@@ -229,3 +229,41 @@ def test_strengths_that_no_contact_has_are_refused(given, message):
         mpm.section(mpm.Section([(0, 4), (4, 4)], interface=mpm.Interface(20.0)), STIFF, HALVES, ends="free field")
     with pytest.raises(ValueError, match="cohesion = 5 with walls = 'fixed'"):
         mpm.block((2, 2), STIFF, HALVES, domain=(4, 4), corner=(1, 0), walls="fixed", cohesion=5.0)
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("cell", [2.0, 1.0])
+def test_a_slab_of_softening_clay_stops_on_a_contact_of_its_strength_after_the_same_work_on_every_grid(cell):
+    """Strength falls over a slip of 2 m, as in a band as thick as the softening length; on a fixed base half a cell
+    would stick, and without softening the slab would stop after half of the way."""
+    strength, residual, modulus, length, height, speed = 20e3, 0.5, 5e3, 1.0, 4.0, 2.5
+    clay = mpm.Soil(
+        unit_weight=20e3, young=2e8, poisson=0.49, strength=strength, tension_cutoff=0.0,
+        softening_modulus=modulus, residual_ratio=residual, softening_length=length,
+    )  # fmt: skip
+    shape = mpm.Section([(0, height), (2 * cell, height)], interface=mpm.Interface(0.0, strength, softens=True))
+    numerics = mpm.Discretisation(cell, (cell / 2,) * 2, cell_average=True)
+    scene, state = mpm.section(shape, clay, numerics, ends="tied", speed=2 * speed)
+    moving = replace(state, velocity=state.velocity.at[0].set(speed))
+    final = mpm.solve(scene, moving, t_end=2.0).raise_if_failed().state
+    slip, energy = (1 - residual) * strength / modulus * length, 20e3 / 9.80665 * height * speed**2 / 2
+    # Within the slip that softens: the work up to u is strength u - modulus u^2 / (2 length).
+    exact = (strength - math.sqrt(strength**2 - 2 * modulus / length * energy)) / (modulus / length)
+    assert exact < slip
+    assert float(jnp.mean(final.displacement[0])) == pytest.approx(exact, rel=0.01)
+
+
+def test_a_contact_softens_as_its_soil_only_where_undrained_soil_does():
+    firm = mpm.Soil(unit_weight=20e3, young=2e7, poisson=0.49, strength=20e3, tension_cutoff=0.0)
+    for soil, softens in (
+        (firm, False),
+        (STIFF, False),
+        (replace(firm, softening_modulus=1e4, residual_ratio=0.5), True),
+    ):
+        programs = []
+        for each in (False, True):
+            shape = mpm.Section([(0, HEIGHT), (4, HEIGHT)], interface=mpm.Interface(5.0, 8e3, softens=each))
+            programs.append(program(*mpm.section(shape, soil, HALVES, ends="tied", at_rest=False)))
+        assert (programs[0] != programs[1]) == softens
+    with pytest.raises(ValueError, match=r"softens = True with slip_length = 0\.5 m: let it soften as its soil"):
+        mpm.Interface(20.0, residual_ratio=0.5, slip_length=0.5, softens=True).check()
