@@ -82,6 +82,10 @@ CASES = {
     "retrogression_buoyant_2.5": Case((1, 0.5, 0.25, 0.125), 0.25, partial(retrogression, viscosity=2.5), BLOCKS),
     # Of smoothed particles 0.1 m apart, by an artificial viscosity of 0.1: Monaghan (2005), 10.1088/0034-4885/68/8/R01.
     "retrogression_buoyant_400": Case((1, 0.5, 0.25), 0.25, partial(retrogression, viscosity=400.0), BLOCKS),
+    # Strength that grows by a tenth with each tenfold rate, and that a strain of 10 takes, not 0.6: both of Einav and
+    # Randolph (2005), 10.1002/nme.1350.
+    "retrogression_buoyant_rate": Case((1, 0.5, 0.25), 0.25, partial(retrogression, rate_coefficient=0.1), BLOCKS),
+    "retrogression_buoyant_remoulding": Case((1, 0.5, 0.25), 0.25, partial(retrogression, strain_95=10.0), BLOCKS),
     "terrain": Case((24, 12, 6, 3), 12.0, terrain),
     # On cells of 4 m, three over its height, it stands.
     "slope_3d_1.2": Case((2, 1, 0.5), 2.0, lambda c: half_slope(c).row(), BANDS),

@@ -158,7 +158,7 @@ def retrogression(cell: float, **soil: float) -> Row:
     row = sites_retrogression.slid(on_cells("sites/retrogression_5m_buoyant", cell, {"soil": soil}), "refined")
     names = {"front_m": "runout_m", "front_95_m": "runout_of_95_percent_m"}
     return {new: row[old] for new, old in names.items()} | {
-        k: row[k] for k in ("retrogression_m", "slides", "particles")
+        k: row[k] for k in ("runout_foremost_m", "retrogression_m", "slides", "particles")
     }
 
 

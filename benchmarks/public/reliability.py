@@ -283,6 +283,8 @@ def by_openturns(problem: Problem, kind: str, seed: int) -> Answer:
         algorithm = ot.PostAnalyticalImportanceSampling(form.getResult())
     elif kind == "subset sampling":
         algorithm = ot.SubsetSampling(event)
+        algorithm.setBlockSize(100)  # as many samples a level as it comes with, a hundred at once
+        algorithm.setMaximumOuterSampling(100)
     else:
         algorithm = ot.ProbabilitySimulationAlgorithm(event, ot.MonteCarloExperiment())
         algorithm.setBlockSize(1000)
