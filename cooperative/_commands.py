@@ -19,6 +19,7 @@ from jaxmpm.support.text import printable
 if TYPE_CHECKING:
     from cooperative.scene import Campaign
     from cooperative.store import Source
+    from cooperative.tools.in_time import InTime
 
 CLEAR = "\x1b[2J\x1b[H"
 """Has a terminal begin an empty screen."""
@@ -247,21 +248,50 @@ def seepage(args: argparse.Namespace) -> None:
     from cooperative.tools.seepage import lines, wetted, write_wetted
     from jaxmpm.support.files import not_linked
 
-    campaign = read_campaigns(args)[0]
-    folder = args.out or not_linked(args.scene.with_name(f"{args.scene.stem}-seepage"))
+    storms = _storms(args)
+    campaign, folder = next(iter(storms.values())), args.out
+    folder = folder or not_linked(args.scene.with_name(f"{args.scene.stem}-seepage"))
+    in_time.check_classes(storms)
     result = wetted(campaign, factors=not args.flow, sample=args.sample)
     print(*map(printable, lines(result)), *write_wetted(result, folder), sep="\n", flush=True)
     budget: dict[str, Any] = {
-        "refined_runs": args.refined_runs, "workers": default_workers() if args.workers is None else args.workers,
+        "workers": default_workers() if args.workers is None else args.workers,
         "progress": lambda line: print(line, file=sys.stderr, flush=True),
-    }  # fmt: skip
+    }
     with runs.stop_by_signals(ends_process=True):
-        if args.probability:
-            answer = in_time.probability_in_time(campaign, folder, **budget)
-            print(*map(printable, in_time.lines(answer)), *in_time.write_in_time(answer, folder), sep="\n", flush=True)
+        if args.probability and len(storms) == 1:
+            _in_time(campaign, folder, args.refined_runs, budget)
+        elif args.probability:
+            answers = {
+                name: _in_time(storm, folder / "campaigns" / name, args.refined_runs, budget)
+                for name, storm in storms.items()
+            }
+            print(*map(printable, in_time.lines_of_year(in_time.annual_in_time(answers))), sep="\n", flush=True)
         if args.chart:
-            chart = in_time.probability_chart(campaign, folder, **budget)
+            chart = in_time.probability_chart(campaign, folder, refined_runs=args.refined_runs, **budget)
             print(*map(printable, in_time.chart_lines(chart)), *in_time.write_chart(chart, folder), sep="\n")
+
+
+def _storms(args: argparse.Namespace) -> dict[str, Campaign]:
+    """The campaigns of a scene's classes of storms, its `[[scenario]]`s, by name; its own alone without frequencies."""
+    from cooperative.scene import SCENARIO, parse, variants
+
+    source = read_source(args)
+    if SCENARIO in source.tables:
+        storms = {variant.name: parse(variant.source) for variant in variants(source)}
+        if any(storm.plan.annual_frequency is not None for storm in storms.values()):
+            return storms
+    return {"": read_campaigns(args)[0]}
+
+
+def _in_time(campaign: Campaign, folder: Path, refined_runs: int | None, budget: dict[str, Any]) -> InTime:
+    """Run a campaign's samples in time, and write and print what comes of it."""
+    from cooperative.tools.in_time import lines, probability_in_time, slides_in_time, write_in_time
+
+    answer = probability_in_time(campaign, folder, refined_runs=refined_runs, **budget)
+    slides = slides_in_time(answer, folder, **budget)
+    print(*map(printable, lines(answer, slides)), *write_in_time(answer, folder, slides), sep="\n", flush=True)
+    return answer
 
 
 def doctor(args: argparse.Namespace) -> None:

@@ -22,7 +22,7 @@ from cooperative.estimate._fits import (
     fit_distributions,
     severity_ranking,
 )
-from cooperative.estimate._formulas import as_answers, control_variate, monte_carlo, published
+from cooperative.estimate._formulas import annual, as_answers, control_variate, monte_carlo, published
 from cooperative.estimate._in_time import Bracket, critical_factor, first_guess, in_time, record_lows
 from cooperative.estimate._logistic import prior_chances
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
@@ -81,6 +81,7 @@ __all__ = [
     "Zone",
     "after_more_runs",
     "all_samples",
+    "annual",
     "as_answers",
     "chance_of",
     "control_variate",

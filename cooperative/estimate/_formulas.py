@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -149,3 +150,13 @@ def control_variate(
     ends = zip(estimate.interval, count_interval(failed.sum(), runs.size, level), strict=True)
     (low, also_low), (high, also_high) = ends
     return replace(estimate, interval=(min(low, also_low), max(high, also_high)))
+
+
+def annual(chance: float, often: float) -> float:
+    """Probability of one event or more in a year, of Poisson's process.
+
+    Args:
+        chance: that a trigger leads to the event.
+        often: triggers a year.
+    """
+    return -math.expm1(-often * chance)

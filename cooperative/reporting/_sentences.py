@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
-from cooperative.estimate import Estimate, Fits
+from cooperative.estimate import Estimate, Fits, annual
 from cooperative.folder import Results
 from cooperative.summary import Element, ModeShare, Spread, Summary
 from jaxmpm.support.text import printable
@@ -136,16 +135,6 @@ def condition(summary: Summary) -> str:
         f"The scene's trigger comes {often:g} times a year: the slope fails with an annual probability of "
         f"{number(annual(pf.value, often))} ({limits((low, high))})."
     )
-
-
-def annual(chance: float, often: float) -> float:
-    """Probability of one event or more in a year, of Poisson's process.
-
-    Args:
-        chance: that a trigger leads to the event.
-        often: triggers a year.
-    """
-    return -math.expm1(-often * chance)
 
 
 def at_risk(summary: Summary) -> Iterator[str]:

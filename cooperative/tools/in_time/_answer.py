@@ -21,10 +21,10 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Bracket, Estimate, critical_factor, first_guess, in_time, record_lows
 from cooperative.scene import Campaign, check_samples, rested
+from cooperative.store import FinishedRun
 from cooperative.tools.in_time._kept import Kept
 from cooperative.tools.safety import critical_surface, sample_strength, slices_at_rest
 from cooperative.tools.seepage import in_hours
-from jaxmpm.support.text import printable
 
 FEWEST = 20
 """Refined samples at least."""
@@ -58,6 +58,26 @@ class InTime:
     refined: dict[int, int]
     factors: np.ndarray
     runs: dict[str, int]
+
+    @property
+    def grid(self) -> str:
+        """The finest grid that was asked."""
+        return "refined" if self.refined else "rough"
+
+    @property
+    def first(self) -> dict[int, int]:
+        """Number of the time at which samples fail first on that grid, of those that fail."""
+        asked = self.refined or dict(enumerate(self.rough.tolist()))
+        return {sample: at for sample, at in asked.items() if 0 <= at < len(self.times)}
+
+    def counts(self, grid: str) -> np.ndarray:
+        """Samples that fail first at each time on a grid (m,).
+
+        Args:
+            grid: "rough" or "refined".
+        """
+        first = self.rough if grid == "rough" else np.array([*self.refined.values()], int)
+        return np.array([int((first == at).sum()) for at in range(len(self.times))])
 
 
 @dataclass(frozen=True)
@@ -102,22 +122,25 @@ class StateRunner:
     def models(self) -> dict[tuple[str, int], runs.GridModel]:
         return {}
 
+    def run(self, grid: str, at: int, numbers: Sequence[int], stop_at: float | None) -> Iterator[FinishedRun]:
+        """Samples that begin at rest in a state, and end at a displacement (m), None for none."""
+        resting = self.states[at].resting
+        rules = resting.rules(stop_at)
+        if self.workers is not None:
+            packed = runs.packed(resting)
+            yield from runs.run_through(
+                self.workers, packed, grid, numbers, self.coefficients, rules=rules, check=self.stop.check
+            )
+            return
+        if (grid, at) not in self.models:
+            self.models[grid, at] = runs.build(resting, grid, self.soil)
+        model = self.models[grid, at]
+        yield from runs.run_samples(model, self.coefficients, numbers, rules=rules, stop=self.stop.requested)
+
     def ask(self, grid: str, at: int, numbers: Sequence[int]) -> Iterator[tuple[int, bool | None]]:
         """Whether samples fail in a state, None for runs that broke off."""
         limit = self.campaign.run.failure_displacement
-        resting = self.states[at].resting
-        rules = resting.rules(limit)
-        if self.workers is not None:
-            packed = runs.packed(resting)
-            ended = runs.run_through(
-                self.workers, packed, grid, numbers, self.coefficients, rules=rules, check=self.stop.check
-            )
-        else:
-            if (grid, at) not in self.models:
-                self.models[grid, at] = runs.build(resting, grid, self.soil)
-            model = self.models[grid, at]
-            ended = runs.run_samples(model, self.coefficients, numbers, rules=rules, stop=self.stop.requested)
-        for sample in ended:
+        for sample in self.run(grid, at, numbers, limit):
             displacement, broke_off = sample.result
             yield sample.number, None if broke_off and displacement <= limit else displacement > limit
             self.stop.check()
@@ -317,23 +340,3 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
     runner.kept.write()
     progress(f"slices: {samples} samples in {count} states of the water on {len(surfaces)} surfaces")
     return factors
-
-
-def lines(result: InTime) -> Iterator[str]:
-    """The answer in words, for a terminal.
-
-    Args:
-        result: of `probability_in_time`.
-    """
-    campaign, samples = result.campaign, result.rough.size
-    yield printable(campaign.name)
-    grids = f"{samples} samples on the rough grid, {len(result.refined)} of them on the refined one"
-    total = result.runs["rough"] / max(samples, 1)
-    yield f"  runs       {grids}; {result.runs['rough']} and {result.runs['refined']} runs, {total:.2g} a sample"
-    yield "  time       P_f    (95 %)"
-    for time, estimate in zip(result.times, result.estimates, strict=True):
-        low, high = estimate.interval
-        yield f"  {in_hours(time):>8}  {estimate.probability:6.3f}  ({low:.3f} to {high:.3f})"
-    for note in dict.fromkeys(note for each in result.estimates for note in each.notes):
-        yield f"    {note}"
-    yield "    a sample that has failed at a time counts as failed after it"

@@ -1,25 +1,50 @@
-"""The probability of failure against time as a figure and as tables."""
+"""The probability of failure against time, and what fails then, as figures, tables and a page."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from cooperative.reporting import panels, save
+from cooperative.estimate import annual
+from cooperative.measure import SEVERITY
+from cooperative.reporting import (
+    Cell,
+    Drawn,
+    document,
+    figures,
+    heading,
+    headline,
+    limits,
+    panels,
+    paragraph,
+    save,
+    table,
+    units_of,
+)
 from cooperative.tools.in_time._answer import InTime
-from cooperative.tools.seepage import HOUR, csv_text, draw_load, write_texts
-from jaxmpm.support.text import literal
+from cooperative.tools.in_time._slides import FAILED_AT, SlidesInTime
+from cooperative.tools.seepage import HOUR, csv_text, draw_load, in_hours, write_texts
+from jaxmpm.support.text import literal, printable
+
+COLOURS = dict(zip((*SEVERITY, "none"), ("#D55E00", "#CC79A7", "#0072B2", "#009E73", "#777777"), strict=True))
+MEASURES = ("displacement", "depth", "runout", "volume", "area")
 
 
-def write_in_time(result: InTime, folder: Path) -> list[Path]:
-    """Write `probability.png`, `probability.csv`, `first_failures.csv` and `probability.json`.
+def write_in_time(result: InTime, folder: Path, slides: SlidesInTime | None = None) -> list[Path]:
+    """Write what a scene's samples do in time.
+
+    `probability.png` and `.csv`, `failures.png` and `.csv` with how many fail first at each time, `first_failures.csv`
+    with when each sample does, `slides.csv` with each slide, `report.html` and `probability.json`.
 
     Args:
         result: of `probability_in_time`.
         folder: to write to.
+        slides: of `slides_in_time`, None without.
 
     Returns:
         Paths of the files.
@@ -28,15 +53,32 @@ def write_in_time(result: InTime, folder: Path) -> list[Path]:
         OSError: the disk refuses.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    picture = folder / "probability.png"
-    save(_figure(result), picture)
+    pictures = _drawn(result, slides)
+    paths = [folder / f"{picture.name}.png" for picture in pictures]
+    for picture, path in zip(pictures, paths, strict=True):
+        save(picture.figure, path)
     texts = {
-        "probability.csv": _table(result), "first_failures.csv": _samples(result), "probability.json": _json(result)
+        "probability.csv": _table(result), "failures.csv": _failures(result, slides),
+        "first_failures.csv": _samples(result), "probability.json": _json(result, slides),
     }  # fmt: skip
-    return [picture, *write_texts(folder, texts)]
+    if slides is not None:
+        texts["slides.csv"] = _slides(result, slides)
+    texts["report.html"] = document(result.campaign.name, _page(result, slides, pictures))
+    return [*paths, *write_texts(folder, texts)]
 
 
-def _figure(result: InTime) -> Figure:
+def _drawn(result: InTime, slides: SlidesInTime | None) -> list[Drawn]:
+    """The figures of the page."""
+    when = "How many samples fail first at each time, above the rain or the level."
+    if slides is not None and slides.at.size:
+        when = "How many samples fail first at each time, how far those that slid ran out, and the rain or the level."
+    return [
+        Drawn("probability", "Probability that the slope has failed by each time.", _probability(result)),
+        Drawn("failures", when, _when_they_fail(result, slides)),
+    ]
+
+
+def _probability(result: InTime) -> Figure:
     """P_f with its interval above the rain or the level."""
     figure, axes = panels(2, 1, size=(7.0, 2.9))
     hours = np.array(result.times) / HOUR
@@ -50,12 +92,75 @@ def _figure(result: InTime) -> Figure:
     return figure
 
 
+def _when_they_fail(result: InTime, slides: SlidesInTime | None) -> Figure:
+    """Counts of first failures by failure mode, run-out of the slides, and the rain or the level."""
+    slid = slides is not None and slides.at.size > 0
+    figure, axes = panels(3 if slid else 2, 1, size=(7.0, 2.3))
+    hours = np.array(result.times) / HOUR
+    width = 0.35 * (np.diff(hours).min() if hours.size > 1 else 1.0)
+    bars = {"rough": (result.rough.size, "#999999"), "refined": (len(result.refined), "#0072B2")}
+    shown = [grid for grid, (samples, _) in bars.items() if samples]
+    for number, grid in enumerate(shown):
+        samples, colour = bars[grid]
+        place, label = hours + (number - (len(shown) - 1) / 2) * width, f"{grid} grid, of {samples} samples"
+        axes[0].bar(place, result.counts(grid), width, color=colour, label=label)
+    axes[0].set(ylabel="samples that fail first")
+    axes[0].set_title(literal(result.campaign.name), loc="left")
+    axes[0].yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes[0].legend(frameon=False, fontsize="small")
+    if slides is not None and slid:
+        mode = np.asarray(slides.columns.get("mode", np.full(slides.at.size, "none")))
+        for name, colour in COLOURS.items():
+            here = (mode == name) | ((name == "none") & ~np.isin(mode, list(COLOURS)))
+            if here.any():
+                axes[1].plot(
+                    hours[slides.at[here]], slides.column("runout")[here], "o", color=colour, alpha=0.7,
+                    label=name if name in SEVERITY else "slides",
+                )  # fmt: skip
+        axes[1].set(ylabel="run-out [m]", ylim=(min(0.0, axes[1].get_ylim()[0]), None))
+        axes[1].legend(frameon=False, fontsize="small")
+    draw_load([axes[0], axes[-1]], result.campaign)
+    margin = width * 1.2
+    for ax in axes:
+        ax.set(xlim=(-margin, hours[-1] + margin))
+    return figure
+
+
 def _table(result: InTime) -> str:
     rows: list[list[object]] = [
         [time, each.probability, *each.interval, each.cov, each.refined_runs]
         for time, each in zip(result.times, result.estimates, strict=True)
     ]
     return csv_text(["t [s]", "P_f", "low", "high", "cov", "runs"], rows)
+
+
+def _of_time(result: InTime, slides: SlidesInTime | None, at: int) -> list[Cell]:
+    """How many samples fail first at a time on each grid, and what those that slid did."""
+    counts: list[Cell] = [
+        int(result.counts("rough")[at]),
+        int(result.counts("refined")[at]) if result.refined else None,
+    ]
+    if slides is None:
+        return counts
+    here = slides.at == at
+    measured = [slides.column(name)[here] for name in ("runout", "volume")]
+    known = [values[np.isfinite(values)] for values in measured]
+    means: list[Cell] = [float(f"{values.mean():.4g}") if values.size else None for values in known]
+    return [*counts, int(here.sum()), *means, *slides.modes(at).values()]
+
+
+def _heads(slides: SlidesInTime | None) -> list[str]:
+    """Names of these columns."""
+    head = ["fail first, rough", "fail first, refined"]
+    return head if slides is None else [*head, "slides", "mean run-out [m]", "mean volume", *SEVERITY]
+
+
+def _failures(result: InTime, slides: SlidesInTime | None) -> str:
+    rows = [
+        [time, *("" if cell is None else cell for cell in _of_time(result, slides, at))]
+        for at, time in enumerate(result.times)
+    ]
+    return csv_text(["t [s]", *_heads(slides)], rows)
 
 
 def _when(result: InTime, first: int) -> object:
@@ -76,16 +181,106 @@ def _samples(result: InTime) -> str:
     return csv_text([*head, *(f"factor at {time:g} s" for time in result.times)], rows)
 
 
-def _json(result: InTime) -> str:
+def _slides(result: InTime, slides: SlidesInTime) -> str:
+    """Each slide as a row."""
+    shape = result.campaign.site.shape
+    units = units_of(result.campaign.dimension, toe=shape.face is not None, line=result.campaign.site.track is not None)
+    mode = np.asarray(slides.columns.get("mode", np.full(slides.at.size, "")))
+    columns = [slides.column(name) for name in MEASURES]
+    rows = [
+        [int(sample), slides.grid, time, *("" if np.isnan(each[n]) else float(each[n]) for each in columns), mode[n]]
+        for n, (sample, time) in enumerate(zip(slides.columns["sample"], slides.column(FAILED_AT), strict=True))
+    ]
+    return csv_text(["sample", "grid", "t [s]", *(f"{name} [{units[name]}]" for name in MEASURES), "mode"], rows)
+
+
+def _page(result: InTime, slides: SlidesInTime | None, pictures: list[Drawn]) -> Iterator[str]:
+    """The page."""
+    campaign, last = result.campaign, result.estimates[-1]
+    yield heading(campaign.name, 1)
+    yield headline(
+        f"By {in_hours(result.times[-1])} the slope has failed with probability", f"{last.probability:.3g}",
+        f"({limits(last.interval)}, 95 per cent).",
+    )  # fmt: skip
+    if (often := campaign.plan.annual_frequency) is not None:
+        low, high = (annual(chance, often) for chance in last.interval)
+        yield paragraph(
+            f"Such storms come {often:g} times a year: it fails with an annual probability of "
+            f"{annual(last.probability, often):.3g} ({low:.3g} to {high:.3g})."
+        )
+    yield paragraph(
+        f"{result.rough.size} samples on the rough grid, {len(result.refined)} of them on the refined one; "
+        f"{result.runs['rough']} and {result.runs['refined']} runs. A sample that has failed at a time counts as "
+        "failed after it."
+    )
+    for note in dict.fromkeys(note for each in result.estimates for note in each.notes):
+        yield paragraph(note, "note")
+    rows = [
+        [in_hours(time), float(f"{each.probability:.4g}"), limits(each.interval), *_of_time(result, slides, at)]
+        for at, (time, each) in enumerate(zip(result.times, result.estimates, strict=True))
+    ]
+    yield table(["time", "P_f", "95 %", *_heads(slides)], rows)
+    if slides is not None:
+        ended = int((np.asarray(slides.columns["broke_off"], float) == 1).sum()) if slides.at.size else 0
+        lost = f" {ended} of them broke off, and have no run-out." if ended else ""
+        yield paragraph(
+            f"{slides.at.size} of {len(result.first)} failing samples slid to their end on the {slides.grid} grid, "
+            f"from rest under the pressure of the time at which they fail first.{lost}"
+        )
+    yield figures(pictures)
+
+
+def _json(result: InTime, slides: SlidesInTime | None) -> str:
+    often = result.campaign.plan.annual_frequency
+    last = result.estimates[-1]
     content = {
         "name": result.campaign.name,
         "runs": result.runs,
+        "annual": None
+        if often is None
+        else {
+            "frequency": often, "probability": annual(last.probability, often),
+            "interval": [annual(chance, often) for chance in last.interval],
+        },
         "times": [
             {
                 "time": time, "probability": each.probability, "interval": list(each.interval), "level": each.level,
                 "cov": each.cov if np.isfinite(each.cov) else None, "method": each.method, "notes": list(each.notes),
+                **dict(zip(_heads(slides), _of_time(result, slides, at), strict=True)),
             }
-            for time, each in zip(result.times, result.estimates, strict=True)
+            for at, (time, each) in enumerate(zip(result.times, result.estimates, strict=True))
         ],
     }  # fmt: skip
     return json.dumps(content, indent=1) + "\n"
+
+
+def lines(result: InTime, slides: SlidesInTime | None = None) -> Iterator[str]:
+    """The answer in words, for a terminal.
+
+    Args:
+        result: of `probability_in_time`.
+        slides: of `slides_in_time`, None without.
+    """
+    campaign, samples = result.campaign, result.rough.size
+    yield printable(campaign.name)
+    grids = f"{samples} samples on the rough grid, {len(result.refined)} of them on the refined one"
+    total = result.runs["rough"] / max(samples, 1)
+    yield f"  runs       {grids}; {result.runs['rough']} and {result.runs['refined']} runs, {total:.2g} a sample"
+    yield "  time       P_f    (95 %)            fail first"
+    for at, (time, estimate) in enumerate(zip(result.times, result.estimates, strict=True)):
+        low, high = estimate.interval
+        first = f"{result.counts('rough')[at]:4d}{_slid(slides, at)}"
+        yield f"  {in_hours(time):>8}  {estimate.probability:6.3f}  ({low:.3f} to {high:.3f})  {first}"
+    for note in dict.fromkeys(note for each in result.estimates for note in each.notes):
+        yield f"    {note}"
+    yield "    a sample that has failed at a time counts as failed after it"
+
+
+def _slid(slides: SlidesInTime | None, at: int) -> str:
+    """What those that fail first at a time did, in words; nothing where none slid."""
+    if slides is None or not (slides.at == at).any():
+        return ""
+    reach = slides.column("runout")[slides.at == at]
+    modes = ", ".join(f"{count} {mode}" for mode, count in slides.modes(at).items() if count)
+    far = f", run-out {np.nanmin(reach):.3g} to {np.nanmax(reach):.3g} m" if np.isfinite(reach).any() else ""
+    return f"; {int((slides.at == at).sum())} slid{far}{f', {modes}' if modes else ''}"

@@ -10,7 +10,16 @@ from scipy.spatial import cKDTree
 
 from cooperative import runs
 from cooperative.scene import Rain, parse, rested
-from cooperative.tools.in_time import _answer, lines, probability_in_time, write_in_time
+from cooperative.store import FinishedRun, read_rows
+from cooperative.tools.in_time import (
+    _answer,
+    annual_in_time,
+    lines,
+    lines_of_year,
+    probability_in_time,
+    slides_in_time,
+    write_in_time,
+)
 from cooperative.tools.safety import critical_surface, slices_at_rest
 from tests.cooperative.scene.test_moving_water import LEVEL, scene
 
@@ -85,8 +94,7 @@ def test_first_failures_are_those_of_all_runs_at_all_times(asked, tmp_path):
     assert len(asked) == before
     np.testing.assert_array_equal(again.rough, result.rough)
 
-    names = [path.name for path in write_in_time(result, tmp_path)]
-    assert names == ["probability.png", "probability.csv", "first_failures.csv", "probability.json"]
+    write_in_time(result, tmp_path)
     with (tmp_path / "probability.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["P_f"]) for row in rows] == pytest.approx(chances)
@@ -95,6 +103,89 @@ def test_first_failures_are_those_of_all_runs_at_all_times(asked, tmp_path):
         first = [row["first failure, rough [s]"] for row in csv.DictReader(file)]
     assert first == ["none" if at == len(HOURS) else str(HOURS[at]) for at in result.rough]
     assert f"{chances[2]:6.3f}" in "\n".join(lines(result))
+
+
+def slide(number: int) -> FinishedRun:
+    """What a slide of a sample is said to do; of every fifth one it broke off."""
+    row = {"displacement": 2.0 + number, "broke_off": number % 5 == 0}
+    row |= {} if row["broke_off"] else {"runout": 3.0 + number, "volume": 10.0, "mode": ("deep", "shallow")[number % 2]}
+    return FinishedRun(number, "SETTLED", 9, 0.1, np.zeros(3), row)
+
+
+@pytest.mark.usefixtures("screened", "asked")
+def test_samples_that_fail_slide_to_their_end_and_are_kept(tmp_path, monkeypatch):
+    """Each once, from its own time, also after a kill; what tables, page and terminal say of them adds up."""
+    began, killed = [], [4]
+
+    def run(runner, grid, at, numbers, stop_at):
+        assert stop_at is None
+        for number in numbers:
+            if len(began) == killed[0]:
+                raise KeyboardInterrupt
+            began.append((grid, at, number))
+            yield slide(number)
+
+    monkeypatch.setattr(_answer.StateRunner, "run", run)
+    campaign = rising()
+    result = probability_in_time(campaign, tmp_path, refined_runs=20)
+    with pytest.raises(KeyboardInterrupt):
+        slides_in_time(result, tmp_path)
+    assert len(read_rows(tmp_path / "slides", "refined").numbers) == 4
+    killed[0] = None
+    slides = slides_in_time(result, tmp_path)
+    assert sorted((number, at) for _, at, number in began) == sorted(result.first.items())
+    assert {grid for grid, _, _ in began} == {"refined"}
+    np.testing.assert_array_equal(slides.columns["sample"], sorted(result.first))
+    np.testing.assert_array_equal(np.array(HOURS)[slides.at], slides.columns["failed_at"])
+    before = len(began)
+    again = slides_in_time(result, tmp_path)
+    assert len(began) == before
+    np.testing.assert_array_equal(again.column("runout"), slides.column("runout"))
+    with pytest.raises(ValueError, match="of another scene"):
+        slides_in_time(replace(result, campaign=rising(31)), tmp_path)
+    few = replace(campaign, plan=replace(campaign.plan, slides=3))
+    assert slides_in_time(replace(result, campaign=few), tmp_path / "few").at.size == 3
+
+    paths = {path.name for path in write_in_time(result, tmp_path, slides)}
+    assert {"failures.png", "failures.csv", "slides.csv", "report.html"} <= paths
+    with (tmp_path / "failures.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["fail first, rough"]) for row in rows] == result.counts("rough").tolist()
+    assert [int(row["slides"]) for row in rows] == result.counts("refined").tolist()
+    whole = [number for number in result.first if number % 5]
+    assert sum(int(row["deep"]) for row in rows) == sum(number % 2 == 0 for number in whole)
+    with (tmp_path / "slides.csv").open() as file:
+        each = list(csv.DictReader(file))
+    assert [float(row["t [s]"]) for row in each] == [HOURS[result.first[int(row["sample"])]] for row in each]
+    assert sum(row["runout [m from its rear to its front]"] == "" for row in each) == len(each) - len(whole)
+    page = (tmp_path / "report.html").read_text()
+    assert f"{len(each) - len(whole)} of them broke off" in page
+    assert f"{result.estimates[-1].probability:.3g}" in page
+    assert f"{result.counts('refined')[1]} slid, run-out" in "\n".join(lines(result, slides))
+
+
+@pytest.mark.usefixtures("screened", "asked")
+def test_classes_of_storms_add_up_to_a_year(tmp_path):
+    """1 - exp(-sum of frequency x P_f), and so the ends of the interval; the page has that of one class."""
+    campaign = rising()
+
+    def of(name, frequency):
+        storm = replace(campaign, name=name, plan=replace(campaign.plan, annual_frequency=frequency))
+        return probability_in_time(storm, tmp_path / name, refined_runs=0)
+
+    storms = {"often": of("often", 0.5), "rare": of("rare", 0.02)}
+    last = [storm.estimates[-1] for storm in storms.values()]
+    year = annual_in_time(storms)
+    assert year.probability == pytest.approx(1 - np.exp(-0.5 * last[0].probability - 0.02 * last[1].probability))
+    ends = [1 - np.exp(-0.5 * last[0].interval[end] - 0.02 * last[1].interval[end]) for end in (0, 1)]
+    assert year.interval == pytest.approx(ends)
+    assert f"{year.probability:.3g}" in "\n".join(lines_of_year(year))
+    with pytest.raises(ValueError, match=r"annual_frequency is not known of rare: give how often"):
+        annual_in_time(storms | {"rare": of("without", None)})
+    write_in_time(storms["rare"], tmp_path)
+    alone = json.loads((tmp_path / "probability.json").read_text())["annual"]
+    assert alone["probability"] == pytest.approx(1 - np.exp(-0.02 * last[1].probability))
+    assert "come 0.02 times a year" in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.usefixtures("screened")
