@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 STANDS = 0.3
 """Pressure head (m) at the ground's surface from which on another program's water stands on it."""
+SOAKS = 0.1
+"""Share of the rain below which what soaks in betrays another unit."""
 FULL = 0.98
 """Share of the surface that is saturated from which on the ground is full."""
 
@@ -244,6 +246,12 @@ def flow_of(campaign: Campaign) -> PressureInTime:
     if table.pressure is not None:
         return _given(campaign, table)
     (solved,) = campaign.flowing.solved([None])
+    if solved.rained > 0 and solved.entered < SOAKS * solved.rained:
+        check.warn(
+            f"of {solved.rained:.3g} {'m3' if campaign.dimension == 3 else 'm2'} of rain no more than "
+            f"{solved.entered:.3g} soak in, the rest runs off: that is more than the ground takes up or drains all the "
+            "time; was it meant in another unit, such as mm/day, or the conductivity?"
+        )
     if solved.full is not None:
         check.warn(
             f"the ground is saturated to its surface from {solved.full:g} s on: all further rain runs off; is that "

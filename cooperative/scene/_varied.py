@@ -18,6 +18,8 @@ from jaxmpm.support.text import shown
 
 FIXED = ("campaign", "sweep", "scenario", "name", *tables.STORED)
 """Tables that no path leads into: a sweep has one campaign's samples."""
+FREQUENCY = "campaign.annual_frequency"
+"""The one key of these that campaigns with the same samples may differ in: how often the trigger of each comes."""
 SCALES = "motion.scale"
 Keys = tuple[str | int, ...]
 """Keys, and positions in lists of tables, that lead to a value."""
@@ -70,7 +72,7 @@ def path_of(scene: Mapping[str, object], name: str) -> KeyPath:
         ValueError: no key is there; the message names the nearest.
     """
     parts = _as_given(scene, name)
-    if parts[0] in FIXED:
+    if parts[0] in FIXED and name != FREQUENCY:
         raise ValueError(f"{shown(name)} is no key that samples in common can differ in: leave it out")
     keys: Keys = ()
     owner: type[tables.Part] = tables.SceneTable

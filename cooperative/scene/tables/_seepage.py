@@ -45,7 +45,7 @@ MOST_LOADS = 40
 COARSEST = 0.1
 """Conductivity (m/s) of clean gravel."""
 OFF = 1e3
-"""Factor between a conductivity and that of its class from which on one of them has another unit."""
+"""Factor between a conductivity and that of its kind of soil from which on one of them has another unit."""
 
 Series = tuple[tuple[float, float], ...]
 """Times (s) and values."""
@@ -232,18 +232,28 @@ class Hydraulics(Part):
     )
 
     @validates(mode="after")
-    def _of_its_class(self) -> Self:
-        if self.soil_class is not None and self.conductivity is not None:
-            from jaxmpm.seepage import CARSEL_PARRISH
+    def _of_its_kind(self) -> Self:
+        """Conductivity goes with the class; in similar pores with the square of alpha (Miller and Miller 1956)."""
+        given = self.conductivity
+        if given is None or (self.soil_class is None and self.alpha is None):
+            return self
+        from jaxmpm.seepage import CARSEL_PARRISH
 
-            usual, given = CARSEL_PARRISH[self.soil_class][-1] / 100 / 86400, self.conductivity
-            mean = given.mean if isinstance(given, RandomField) else given
-            if not usual / OFF < mean < usual * OFF:
-                raise Invalid(
-                    ("conductivity",), f"{mean:.3g} m/s",
-                    f"is {mean / usual:.2g} times that of {self.soil_class}, {usual:.2g} m/s",
-                    'was another unit meant? Write it as a text, "0.9 m/day", or leave soil_class out',
-                )  # fmt: skip
+        mean = given.mean if isinstance(given, RandomField) else given
+        known = {name: (alpha, per_day / 100 / 86400) for name, (_, _, alpha, _, per_day) in CARSEL_PARRISH.items()}
+        if self.soil_class is not None:
+            like, usual, least = self.soil_class, known[self.soil_class][1], known[self.soil_class][1] / OFF
+            remedy = "leave soil_class out"
+        else:
+            assert self.alpha is not None
+            like, least = f"soil with alpha = {self.alpha:g} 1/m", 0.0  # a liner lets less through
+            remedy = "give it the alpha of such soil"
+            usual = float(np.median([rate / alpha**2 for alpha, rate in known.values()])) * self.alpha**2
+        if not least < mean < usual * OFF:
+            raise Invalid(
+                ("conductivity",), f"{mean:.3g} m/s", f"is {mean / usual:.2g} times that of {like}, {usual:.2g} m/s",
+                f'was another unit meant? Write it as a text, "0.9 m/day", or {remedy}',
+            )  # fmt: skip
         return self
 
     @property

@@ -96,6 +96,10 @@ VARIES = 'conductivity = { mean = "25 cm/day", cov = 1.0, length = [10.0, 2.0] }
 REFUSED = {
     "conductivity in m/day": (RAIN.replace('"loam"', '"loam", conductivity = 0.9'), r"conductivity = 0\.9 m/s.*m/day"),
     "far from its class": (RAIN.replace('"loam"', '"clay", conductivity = 0.01'), "times that of clay"),
+    "m/day beside the curve of a loam": (
+        RAIN.replace('soil_class = "loam"', "conductivity = 0.05, alpha = 3.6, n = 1.56, porosity = 0.43"),
+        r"conductivity = 0\.05 m/s is .* times that of soil with alpha = 3.6 1/m",
+    ),
     "mm/h for m/s": (RAIN.replace('"14 mm/h"', "14"), r"rate = 14 m/s: .*was mm/h meant"),
     "a storm that ends before it begins": (
         RAIN.replace('"14 mm/h"', '[["6 h", "14 mm/h"], ["2 h", 0]]'), "begins before it ends",
@@ -401,6 +405,12 @@ def test_flows_side_by_side_are_those_of_single_ones(monkeypatch):
         (single,) = campaign.flowing.solved([field])
         for one, other in zip(single.known, lane.known, strict=True):
             np.testing.assert_allclose(one.total, other.total, atol=1e-6)
+
+
+@pytest.mark.slow  # compiles a flow
+def test_rain_that_runs_off_all_the_time_is_named():
+    with pytest.warns(UserWarning, match=r"of .* m2 of rain no more than .* soak in, .* such as mm/day"):
+        parse(scene(RAIN.replace("14 mm/h", "300 mm/h") + "cell = [2.0, 1.0]\n")).flow  # noqa: B018
 
 
 @pytest.mark.slow  # compiles flow and steady flow

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cooperative import runs
+import cooperative.tools.in_time as in_time_tool
+import cooperative.tools.seepage as seepage_tool
+from cooperative import _commands, runs
+from cooperative._arguments import parser
 from cooperative.scene import Rain, parse, rested
 from cooperative.store import FinishedRun, read_rows
 from cooperative.tools.in_time import (
+    Annual,
     _answer,
     annual_in_time,
     lines,
@@ -186,6 +190,31 @@ def test_classes_of_storms_add_up_to_a_year(tmp_path):
     alone = json.loads((tmp_path / "probability.json").read_text())["annual"]
     assert alone["probability"] == pytest.approx(1 - np.exp(-0.02 * last[1].probability))
     assert "come 0.02 times a year" in (tmp_path / "report.html").read_text()
+
+
+def test_scenarios_with_frequencies_are_classes(tmp_path, monkeypatch):
+    """The command runs each in a folder of its own and adds up; a class without a frequency is refused first."""
+    base = scene().replace("samples =", "annual_frequency = 0.1\nsamples =")
+    light = '\n[[scenario]]\nname = "light"\n"rain.rate" = "2 mm/h"\n'
+    path, ran = tmp_path / "storm.toml", []
+    monkeypatch.setattr(seepage_tool, "wetted", lambda *_, **__: None)
+    monkeypatch.setattr(seepage_tool, "lines", lambda _: ["flow"])
+    monkeypatch.setattr(seepage_tool, "write_wetted", lambda *_: [])
+    monkeypatch.setattr(
+        in_time_tool, "annual_in_time", lambda answers: Annual(0.1, (0.0, 0.2), ((next(iter(answers)), 1.0, 0.1),))
+    )
+
+    def run(campaign, folder, refined_runs, budget):
+        ran.append((campaign.rain.rate[0][1], campaign.plan.annual_frequency, folder.relative_to(tmp_path)))
+
+    monkeypatch.setattr(_commands, "_in_time", run)
+    path.write_text(base + light + '"campaign.annual_frequency" = 2.0\n')
+    _commands.seepage(parser().parse_args(["seepage", str(path), "--probability"]))
+    assert [(round(rate * 3.6e6), often) for rate, often, _ in ran] == [(14, 0.1), (2, 2.0)]
+    assert len({folder for *_, folder in ran}) == 2
+    path.write_text(scene() + light + '"campaign.annual_frequency" = 2.0\n')
+    with pytest.raises(ValueError, match="annual_frequency is not known of base"):
+        _commands.seepage(parser().parse_args(["seepage", str(path), "--probability"]))
 
 
 @pytest.mark.usefixtures("screened")
