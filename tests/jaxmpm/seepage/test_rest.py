@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -109,3 +110,19 @@ def test_contact_with_the_base_bears_the_same_water(x64):
     expected = WATER_WEIGHT * (4.0 - contact.points[-1])
     assert np.all(wet(built(ground, water=4.0)) == (np.asarray(by_heads.particles.position[-1]) < 4.0))
     np.testing.assert_allclose(borne[contact.points[-1] < 3], expected[contact.points[-1] < 3], rtol=1e-6)
+
+
+def test_pressure_goes_along_with_the_soil_that_has_it():
+    """A block in free flight whose suction, which differs along it, is in balance with its grains: nothing acts on it.
+
+    Of suction that stayed in its place, 10 kPa more would act on the block after 2 m.
+    """
+    numerics = mpm.Discretisation(0.5, (0.25, 0.25))
+    scene, state = mpm.block((2.0, 1.0), SAND, numerics, domain=(6.0, 2.0), corner=(1.0, 0.5), velocity=(2.0, 0.0))
+    pressure = -10e3 - 5e3 * (scene.particles.position[0] - 1.0)
+    stress = jnp.zeros_like(state.stress).at[:3].set(pressure)
+    under = replace(scene, loads=replace(scene.loads, pore_pressure=pressure))
+    end = mpm.solve(under, replace(state, stress=stress), t_end=1.0).raise_if_failed().state
+    np.testing.assert_allclose(end.displacement[0], 2.0, atol=2e-2)
+    np.testing.assert_allclose(end.displacement[1], 0.0, atol=2e-3)
+    np.testing.assert_allclose(end.stress[:3], stress[:3], atol=300.0)
