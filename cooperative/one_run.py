@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -145,10 +145,13 @@ def slide(
     )  # fmt: skip
 
 
+Field = TypeVar("Field", bound=RandomField)
+
+
 def _certain(campaign: Campaign) -> Campaign:
     """The campaign with the means of all that is random: its median soil then is its mean soil."""
 
-    def certain(varies: RandomField) -> RandomField:
+    def certain(varies: Field) -> Field:
         return replace(varies, marginal=kl.Normal, cov=CERTAIN, lower=None, upper=None, boreholes=None)
 
     def all_certain(random: Mapping[str, RandomField]) -> dict[str, RandomField]:

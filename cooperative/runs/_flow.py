@@ -20,7 +20,7 @@ LANES = 64
 """Flows that are solved side by side."""
 
 
-def conductivity_of(campaign: Campaign, soil: RandomSoil, sample: np.ndarray | None = None) -> np.ndarray:
+def conductivity_of(campaign: Campaign, soil: RandomSoil, sample: np.ndarray | jax.Array | None = None) -> np.ndarray:
     """The upright conductivity of saturated soil in the cells of the flow (m/s), of their shape; 0 in rock.
 
     Args:
@@ -38,7 +38,9 @@ def conductivity_of(campaign: Campaign, soil: RandomSoil, sample: np.ndarray | N
     return np.asarray(values, float).reshape(flowing.cells.shape)
 
 
-def own_flows(campaign: Campaign, soil: RandomSoil, samples: Sequence[np.ndarray | None]) -> Iterator[PressureInTime]:
+def own_flows(
+    campaign: Campaign, soil: RandomSoil, samples: Sequence[np.ndarray | jax.Array | None] | np.ndarray
+) -> Iterator[PressureInTime]:
     """The flow of each of some samples: in turn on a CPU, where that is faster, elsewhere LANES of them side by side.
 
     Args:
@@ -55,7 +57,7 @@ def own_flows(campaign: Campaign, soil: RandomSoil, samples: Sequence[np.ndarray
         yield from campaign.flowing.solved([conductivity_of(campaign, soil, sample) for sample in some])
 
 
-def under_own_flow(campaign: Campaign, soil: RandomSoil, sample: np.ndarray | None = None) -> Campaign:
+def under_own_flow(campaign: Campaign, soil: RandomSoil, sample: np.ndarray | jax.Array | None = None) -> Campaign:
     """The campaign whose ground rests under the pressure of a sample's own flow; itself where all have the same.
 
     Args:

@@ -184,8 +184,8 @@ class Campaign(Part):
         table = self.seepage
         if table is None:
             return ()
-        layers = [(each.name, each.rock) for each in self.site.layers] or [(None, False)]
-        return tuple(table.hydraulics(name, rock=rock) for name, rock in layers)
+        layers = tuple(table.hydraulics(each.name, rock=each.rock) for each in self.site.layers)
+        return layers or (table.hydraulics(),)
 
     @cached_property
     def conductivities(self) -> Mapping[int | None, RandomField]:
@@ -517,12 +517,12 @@ def check_moving(campaign: Campaign) -> None:
             remedy = f"give one of {', '.join(map(shown, names))}" if names else "it has none, give soil instead"
             path = (name, "layer", number, "name")
             raise Invalid(path, shown(layer.name), "is no [[layer]] of the ground", remedy)
-    for number, varies in campaign.conductivities.items():
-        with at(*((name, "soil") if number is None else (name, "layer", site.layers[number].name)), CONDUCTIVITY):
+    for where, conducts in campaign.conductivities.items():
+        with at(*((name, "soil") if where is None else (name, "layer", site.layers[where].name)), CONDUCTIVITY):
             if table.pressure is not None:
                 rule = "varies beside pressure, in which another program's flow has one answer for all samples"
                 raise Invalid((), None, rule, "give it as a number")
-            varies.check(LIMITS[CONDUCTIVITY], site.span)
+            conducts.check(LIMITS[CONDUCTIVITY], site.span)
 
 
 def _check_elements(elements: tuple[ElementAtRisk, ...]) -> None:

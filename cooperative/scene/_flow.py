@@ -324,9 +324,10 @@ class CampaignFlow:
 
         with jax.enable_x64(True):
             initial = np.broadcast_to(self.initial, lanes.shape)
-            if self.steady is not None:
-                initial, converged = jax.vmap(lambda k: seepage.steady(with_soil(self.steady, k), self.initial))(lanes)
-                self._check_start(np.asarray(initial), np.asarray(converged))
+            if (steady := self.steady) is not None:
+                starts, converged = jax.vmap(lambda k: seepage.steady(with_soil(steady, k), self.initial))(lanes)
+                initial = np.asarray(starts)
+                self._check_start(initial, np.asarray(converged))
 
             def run(conductivity: jax.Array, start: jax.Array) -> Flow:
                 return seepage.run(with_soil(self.problem, conductivity), start, times, tolerance=table.tolerance)

@@ -113,12 +113,12 @@ def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | N
 def _with_strata(table: Moving, name: str, ground: Site, *, unusual: bool) -> Moving:
     """A table of water whose conductivities, where they vary, are checked and dip as the ground falls."""
 
-    def read(field: tables.RandomField, path: tuple[str | int, ...]) -> tables.RandomField:
+    def read(field: tables.RandomConductivity, path: tuple[str | int, ...]) -> tables.RandomConductivity:
         (dipping,) = fields_of(
             {tables.CONDUCTIVITY: field}, lambda _: (name, *path), span=ground.span,
             downhill=getattr(ground.shape, "downhill", 1), home="[soil]", unusual=unusual,
         ).values()  # fmt: skip
-        return dipping
+        return cast(tables.RandomConductivity, dipping)
 
     return table.with_conductivities(read)
 

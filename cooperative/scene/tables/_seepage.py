@@ -277,6 +277,7 @@ class HydraulicLayer(Hydraulics):
 
 
 H = TypeVar("H", bound=Hydraulics)
+Keys = tuple[str | int, ...]
 
 
 def _pressure(value: object, info: ValidationInfo) -> object:
@@ -461,7 +462,7 @@ class Seepage(Part):
         inherits = not rock if own is None else own.soil_class is None
         return tuple(each for each in (own, self.soil if inherits else None) if each is not None)
 
-    def with_conductivities(self, change: Callable[[RandomField, tuple[str | int, ...]], RandomField]) -> Self:
+    def with_conductivities(self, change: Callable[[RandomConductivity, Keys], RandomConductivity]) -> Self:
         """The table with another field in place of that of each conductivity that varies.
 
         Args:
@@ -470,7 +471,7 @@ class Seepage(Part):
 
         def changed(part: H, *path: str | int) -> H:
             varies = part.conductivity
-            if not isinstance(varies, RandomField):
+            if not isinstance(varies, RandomConductivity):
                 return part
             return replace(part, conductivity=change(varies, (*path, CONDUCTIVITY)))
 
