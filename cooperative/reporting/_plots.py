@@ -73,6 +73,16 @@ QUANTITIES = {
     "softening_strain": ParameterLabel("plastic strain of the loss", r"$\gamma_r$", "-"),
     "rate_coefficient": ParameterLabel("rise of strength per tenfold rate", r"$\mu$", "-"),
     "viscosity": ParameterLabel("plastic viscosity", r"$\eta$", "Pa s"),
+    "compression": ParameterLabel("slope of the virgin line", r"$\lambda^*$", "-"),
+    "critical_state": ParameterLabel("critical state ratio", "$M$", "-"),
+    "ocr": ParameterLabel("overconsolidation ratio", "OCR", "-"),
+    "active_strength": ParameterLabel("active undrained strength", "$S_u^A$", "kPa", 1e3),
+    "simple_strength": ParameterLabel("undrained strength in simple shear", "$S_u^{DSS}$", "kPa", 1e3),
+    "passive_strength": ParameterLabel("passive undrained strength", "$S_u^P$", "kPa", 1e3),
+    "failure_strain": ParameterLabel("plastic strain at failure", r"$\gamma_f$", "-"),
+    "static_friction": ParameterLabel("static friction angle", r"$\varphi_s$", "degrees"),
+    "dynamic_friction": ParameterLabel("dynamic friction angle", r"$\varphi_2$", "degrees"),
+    "grain_size": ParameterLabel("grain size", "$d$", "mm", 1e-3),
 }
 
 
