@@ -89,10 +89,23 @@ def thicknesses_of(layers: Sequence[Layer], tops: Sequence[np.ndarray]) -> list[
 
 
 def _strength(soil: AnySoil, pressure: float) -> float:
-    """Mean shear strength (Pa) under a pressure (Pa); infinite without cohesion and friction, and without strength."""
+    """Mean shear strength (Pa) under a pressure (Pa); infinite of soil whose numbers do not tell.
+
+    That of clay with a strength by direction is the one in simple shear, that of Cam Clay the one at its critical state
+    in triaxial compression, that of grains the one at rest.
+    """
     cohesion, friction, undrained = (getattr(soil, name, None) for name in ("cohesion", "friction", "strength"))
     if cohesion is not None and friction is not None:
         return float(np.mean(cohesion)) + pressure * math.tan(math.radians(float(np.mean(friction))))
+    directed, critical, repose = (
+        getattr(soil, name, None) for name in ("simple_strength", "critical_state", "static_friction")
+    )
+    if critical is not None:
+        sine = 3 * float(np.mean(critical)) / (6 + float(np.mean(critical)))
+        return pressure * sine / math.sqrt(1 - sine**2)
+    if repose is not None:
+        return pressure * math.tan(math.radians(float(np.mean(repose))))
+    undrained = directed if undrained is None else undrained
     ratio, minimum = (getattr(soil, name, None) for name in ("strength_ratio", "strength_minimum"))
     if undrained is None and ratio is not None:
         return max(ratio * pressure, minimum)

@@ -31,10 +31,21 @@ def test_a_weak_layer_thinner_than_two_cells_is_warned_of(thickness):
         build(*ground(thickness))
 
 
+@pytest.mark.parametrize(
+    "seam",
+    [mpm.CamClaySoil(0.1, 0.02, 0.3), mpm.AnisotropicSoil(5e3, 4e3, 3e3), mpm.GranularSoil(10.0, 20.0, 0.001)],
+    ids=lambda soil: type(soil).__name__,
+)
+def test_a_weak_layer_of_any_law_is_warned_of(seam):
+    with pytest.warns(UserWarning, match=r"layer 2 is 0.5 m thick, 0.5 cells of 1 m, and weaker"):
+        build(*ground(0.5, seam))
+
+
 KNOWN = {
     "two cells": ground(2.0),
     "hardly weaker": ground(0.5, mpm.FrictionalSoil(18e3, 19.0)),
     "stronger": ground(0.5, STRONG, WEAK),
+    "as strong at its critical state": ground(0.5, mpm.CamClaySoil(0.1, 0.02, 0.9), mpm.FrictionalSoil(0.0, 21.0)),
     "declared": ground(0.5, mpm.FrictionalSoil(0.0, 10.0, unusual=True)),
 }
 
