@@ -31,7 +31,7 @@ LAWS = {
     "J2": mpm.Soil(strength=4e3, softening_modulus=2e4, young=5e6, rate_coefficient=0.1, viscosity=50.0,
                    tension_cutoff=200.0, unusual=True),
     "MohrCoulomb": mpm.FrictionalSoil(1e3, 25.0, **FRICTIONAL, unusual=True),
-    "DruckerPrager": mpm.FrictionalSoil(1e3, 25.0, **FRICTIONAL, criterion=DruckerPrager, unusual=True),
+    "DruckerPrager": mpm.FrictionalSoil(1e3, 25.0, **FRICTIONAL, law=DruckerPrager, unusual=True),
     "AnisotropicUndrained": mpm.AnisotropicSoil(4e3, 3e3, 2e3, young=5e6),
     "ModifiedCamClay": mpm.CamClaySoil(0.1, 0.02, 1.0, ocr=1.5, largest_pressure=100e3),
     "MuI": mpm.GranularSoil(20.0, 30.0, 1e-2, young=1e6),
