@@ -168,7 +168,7 @@ class AtRest:
 
 
 def test_rain_is_one_array_of_the_scene_that_rests_in_it_and_none_of_the_dry_one():
-    sand = mpm.FrictionalSoil(5e3, 30.0, criterion=mpm.laws.DruckerPrager)
+    sand = mpm.FrictionalSoil(5e3, 30.0, law=mpm.laws.DruckerPrager)
     dry, state = mpm.section(mpm.Section([(0, 6), (6, 6), (10, 2), (18, 2)]), sand, NUMERICS, at_rest=False)
     wet = seepage.with_pressure(dry, AtRest(), retention=seepage.soil_class("loam"), dry_weight=15e3)
     assert dry.loads.pore_pressure is None
