@@ -15,12 +15,10 @@ from benchmarks.measure import ROOT
 
 SAMPLES, REFINED = 40, 12
 SCENE = """
-[slope]
-crest = 60.0
-height = 12.0
-run_per_rise = 2.0
-toe = 48.0
-foundation = 4.0
+[ground]
+surface = [[0.0, 16.0], [60.0, 16.0], [84.0, 4.0], [132.0, 4.0]]
+[water]
+level = 4.0
 [soil]
 unit_weight = 20e3
 young = 1e8
@@ -46,8 +44,6 @@ slides = 0
 seed = 1
 """
 RAIN = """
-[water]
-level = 4.0
 [rain]
 times = [{times}]
 rate = "8 mm/h"
