@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from benchmarks.statistics import estimators_means as means
 from cooperative.estimate import exceedance, mean_interval, mean_of, monte_carlo
+from cooperative.estimate._means import _of_ratio
 
 positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_size=3, max_size=30).map(np.array)
 
@@ -81,3 +82,13 @@ def test_a_curve_of_no_slide_starts_at_the_probability_of_failure():
     assert curve.probability[0] == estimate.probability == 0.25
     assert (curve.low[0], curve.high[0]) == estimate.interval
     assert set(curve.probability[1:]) == set(curve.low[1:]) == {0.0}
+
+
+@given(st.lists(st.tuples(st.floats(0.1, 1.0), st.floats(0.0, 50.0)), min_size=8, max_size=20))
+def test_the_variance_of_a_weighted_mean_is_that_of_leaving_each_slide_out(slides):
+    weight, value = np.array(slides).T
+    share = weight / weight.sum()
+    mean = share @ value
+    without = [np.delete(share, k) @ np.delete(value, k) / (1 - share[k]) for k in range(len(share))]
+    variance, _ = _of_ratio(share, value[:, None], np.array([mean]))
+    np.testing.assert_allclose(variance, [np.square(np.array(without) - mean).sum()], rtol=1e-9, atol=1e-9)
