@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -191,16 +191,19 @@ def softened(law: Material, strain: Array) -> Array | None:
     Returns:
         (N,), 1 for soil with friction and where nothing softens; None if no undrained soil softens.
     """
-    zones = law.zones if isinstance(law, Zoned) else [(law, slice(None))]
-    shares = [
-        None if part.FRICTIONAL or getattr(part, "softening", None) is None
-        else part.softening.strength(part.strength, strain[span]) / part.strength
-        for part, span in zones
-    ]  # fmt: skip
-    if all(share is None for share in shares):
+
+    def share(law: Any, strain: Array) -> Array | None:
+        if law.FRICTIONAL or getattr(law, "softening", None) is None:
+            return None
+        left: Array = law.softening.strength(law.strength, strain) / law.strength
+        return left
+
+    if not isinstance(law, Zoned):
+        return share(law, strain)
+    shares = [share(part, strain[span]) for part, span in law.zones]
+    if all(left is None for left in shares):
         return None
-    filled = [1.0 if share is None else share for share in shares]
-    return law.per_particle(filled) if isinstance(law, Zoned) else filled[0]
+    return law.per_particle([1.0 if left is None else left for left in shares])
 
 
 @remembers_gap.register

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -69,7 +69,7 @@ def _strengthened(scene: Scene, factor: float) -> Scene:
     """The scene with the strength of its contact times a factor."""
     boundary = scene.boundary
     strength = {name: getattr(boundary, name) for name in WALL_STRENGTH.values()}
-    stronger = {name: None if value is None else value * factor for name, value in strength.items()}
+    stronger: dict[str, Any] = {name: None if value is None else value * factor for name, value in strength.items()}
     return replace(scene, boundary=replace(boundary, **stronger))
 
 

@@ -23,7 +23,8 @@ class Interface:
         slip_length: slip over which they fall to it, linearly (m); None without softening. Slip is the displacement
             from the start of the soil next to the base.
         softens: whether slip takes the strength of undrained soil as the strain of a layer of it would that is as
-            thick as shear bands, a cell or the soil's `softening_length`: give it to a contact with the strength of its soil.
+            thick as shear bands, a cell or the soil's `softening_length`: give it to a contact with the strength of
+            its soil.
     """
 
     friction: float

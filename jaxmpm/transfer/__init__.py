@@ -34,8 +34,8 @@ __all__ = [
     "nodal_momentum",
     "p2g",
     "passes_for",
-    "thickness_on",
     "scatter_p",
+    "thickness_on",
     "velocity_gradient",
     "within_cells",
 ]

@@ -10,7 +10,9 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.accuracy import earthquakes
+from jaxmpm.laws import softened
 from jaxmpm.run._strength_reduction import reductions
+from jaxmpm.transfer import band_thickness, passes_for, thickness_on
 from tests.differences import check_run
 from tests.jaxmpm.step.test_absent import count, program
 
@@ -267,3 +269,20 @@ def test_a_contact_softens_as_its_soil_only_where_undrained_soil_does():
         assert (programs[0] != programs[1]) == softens
     with pytest.raises(ValueError, match=r"softens = True with slip_length = 0\.5 m: let it soften as its soil"):
         mpm.Interface(20.0, residual_ratio=0.5, slip_length=0.5, softens=True).check()
+
+
+def test_of_zones_the_softening_clay_alone_loses_strength_by_slip():
+    moduli = {"bulk": jnp.asarray(1e7), "shear": jnp.asarray(5e6)}
+    softening = mpm.laws.Softening(jnp.asarray(1e4), jnp.asarray(0.5))
+    clay = mpm.laws.J2(**moduli, strength=jnp.asarray(20e3), softening=softening)
+    firm = mpm.laws.Elastic(**moduli)
+    strain = jnp.asarray([0.0, 0.5, 3.0])
+    np.testing.assert_allclose(softened(mpm.laws.Zoned((firm, clay), (1, 2)), strain), [1.0, 0.75, 0.5], rtol=1e-6)
+    assert softened(mpm.laws.Zoned((firm, firm), (1, 2)), strain) is None
+    assert softened(firm, strain) is None
+
+
+def test_slip_counts_over_the_thickness_of_bands():
+    kernel, cell = HALVES.kernel.of_spacing((0.5, 0.5)), 0.5
+    assert thickness_on(None, kernel, cell) == cell
+    assert thickness_on(passes_for(2.0, kernel, cell), kernel, cell) == pytest.approx(band_thickness(2.0), rel=0.01)
