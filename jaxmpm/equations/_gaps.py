@@ -170,7 +170,7 @@ def by_levels(scene: Scene, volume: Array, acting: Array) -> Array | None:
     return jnp.stack([volume, *(stress if soft is True else jnp.where(soft, stress, 0) for stress in along)])
 
 
-def bridged(scene: Scene, levels: Array, force: Array) -> Array:
+def bridged(scene: Scene, levels: Array, force: Array, gap: Array | None) -> Array:
     """Forces of the soil's stress, along level planes as if cells were as full as those above and below them.
 
     Sums upwards of the mapped volume and shear stress are those of the soil between two levels of nodes, which so are
@@ -180,6 +180,7 @@ def bridged(scene: Scene, levels: Array, force: Array) -> Array:
         scene: of the nodes.
         levels: from `by_levels` (nodes, d).
         force: of the stress (nodes, d) N.
+        gap: below soil that does not reach down to rigid ground, from `gaps`.
 
     Returns:
         (nodes, d) N.
@@ -188,10 +189,11 @@ def bridged(scene: Scene, levels: Array, force: Array) -> Array:
     d, upright = grid.dimension, grid.dimension - 1
     between = jnp.cumsum(levels.reshape(*grid.shape, d), axis=upright)
     filled, traction = between[..., 0] / grid.cell ** (d - 1), between[..., 1:]
+    around = _with_rock(scene, filled, gap)
 
     def full(side: int) -> Array:
         """Filled share of the cells on this side, the first or, where soil reaches through it, the second."""
-        first, second = (shifted(filled, side * count, upright) for count in (1, 2))
+        first, second = (shifted(around, side * count, upright) for count in (1, 2))
         return first + jnp.clip(first / REACHES, 0, 1) * jnp.maximum(second - first, 0)
 
     beside = jnp.minimum(jnp.minimum(full(1), full(-1)), 1)
@@ -200,6 +202,18 @@ def bridged(scene: Scene, levels: Array, force: Array) -> Array:
     lacking = (gap / (1 - gap))[..., None] * traction
     change = lacking - shifted(lacking, -1, upright)
     return force + jnp.pad(change, [(0, 0)] * d + [(0, 1)]).reshape(force.shape)
+
+
+def _with_rock(scene: Scene, filled: Array, gap: Array | None) -> Array:
+    """Filled shares of cells (grid's shape), 1 in those below a level base that soil reaches down to."""
+    if gap is None:
+        return filled
+    upright, gap = scene.grid.dimension - 1, gap.reshape(filled.shape)
+    for wall in scene.boundary.walls:
+        if wall.axis == upright and wall.side == "low" and wall.hold != "roller":
+            beyond = jax.lax.broadcasted_iota(jnp.int32, filled.shape, upright) < wall.index
+            filled = jnp.where(beyond & (gap[..., wall.index, None] < 2 * NARROW), 1, filled)
+    return filled
 
 
 def shifted(field: Array, levels: int, axis: int) -> Array:

@@ -101,10 +101,10 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         """Average by mass of a channel that is mapped."""
         return sums[name][:, 0] * reciprocal(scene, weight) if name in sums else None
 
-    if "upright" in sums:
-        sums["force"] = bridged(scene, sums["upright"], sums["force"])
     undrained, covers = share("undrained"), "volume" in sums
     gap = gaps(scene, weight) if covers or shears is not False else None
+    if "upright" in sums:
+        sums["force"] = bridged(scene, sums["upright"], sums["force"], gap)
     if stressed and shears is not False:
         sums["force"] = closed(scene, gap, sums["force"], undrained)
     forces = [sums[name] for name in ("external", "force") if name in sums]
@@ -178,9 +178,9 @@ def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
     acting = acting_stress(scene, state.stress, volume, maps)
     levels = by_levels(scene, volume, acting)
     sums = maps.to_grid(None, acting, levels)
-    stress = sums[:, :d] if levels is None else bridged(scene, sums[:, d:], sums[:, :d])
-    if sheared(scene) is not False:
-        stress = closed(scene, gaps(scene, nodal.mass[:, 0]), stress, nodal.undrained)
+    gap = gaps(scene, nodal.mass[:, 0]) if sheared(scene) is not False else None
+    stress = sums[:, :d] if levels is None else bridged(scene, sums[:, d:], sums[:, :d], gap)
+    stress = closed(scene, gap, stress, nodal.undrained)
     return nodal._replace(force=stress if nodal.force is None else nodal.force + stress)
 
 
