@@ -39,7 +39,8 @@ def on_ground(site: Site, table: tables.InterfaceTable, soil: AnySoil) -> Site:
         raise Invalid(
             (), None, f"has the {' and '.join(follows)} of the soil, which has none", "give the interface numbers"
         )
-    interface = Interface(**values, softens="cohesion" in follows and table.slip_length is None)
+    undrained = any(getattr(layer, "strength", None) for layer in soils)
+    interface = Interface(**values, softens=undrained and "cohesion" in follows and table.slip_length is None)
     interface.check()
     shape = replace(cast(Section | Terrain, site.shape), interface=interface)
     of_soil = tuple(name for name in follows if name == "friction" or values[name])

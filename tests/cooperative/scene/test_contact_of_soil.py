@@ -119,6 +119,7 @@ def test_layers_of_both_kinds_have_each_its_own_contact():
     model, coefficients = model_of(
         SCENE.replace('"soil" }', '"soil", cohesion = "soil" }').replace("[soil]\n", LAYERED)
     )
+    assert model.campaign.site.shape.interface.softens
     scene, _ = model.of_sample(coefficients[0])
     nodes = model.contact.nodes
     friction, cohesion = np.asarray(scene.boundary.friction)[nodes], np.asarray(scene.boundary.cohesion)[nodes]
