@@ -85,7 +85,9 @@ CASES = {
     # Strength that grows by a tenth with each tenfold rate, and that a strain of 10 takes, not 0.6: both of Einav and
     # Randolph (2005), 10.1002/nme.1350.
     "retrogression_buoyant_rate": Case((1, 0.5, 0.25), 0.25, partial(retrogression, rate_coefficient=0.1), BLOCKS),
-    "retrogression_buoyant_remoulding": Case((1, 0.5, 0.25), 0.25, partial(retrogression, strain_95=10.0), BLOCKS),
+    "retrogression_buoyant_remoulding": Case(
+        (1, 0.5, 0.25), 0.25, partial(retrogression, strain_95=10.0, unusual=True), BLOCKS
+    ),
     "terrain": Case((24, 12, 6, 3), 12.0, terrain),
     # On cells of 4 m, three over its height, it stands.
     "slope_3d_1.2": Case((2, 1, 0.5), 2.0, lambda c: half_slope(c).row(), BANDS),

@@ -74,7 +74,7 @@ def released(
         size,
         soil,
         numerics,
-        domain=(*(length,) * (d - 1), height + 2 * cell),
+        domain=(*(length,) * (d - 1), (math.ceil(height / cell - 1e-9) + 2) * cell),
         corner=(0.0,) * d,
         gravity=(*(0.0,) * (d - 1), -gravity),
         walls="roller",

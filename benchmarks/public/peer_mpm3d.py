@@ -15,7 +15,8 @@ Differences are between positions (m) after 1, 2, 4 and 8 s, the largest and the
 solver leaves nodes out that have as little mass as those that MPM3D-F90 leaves out, 1e-5 of a full cell. With its own
 floor, 1e-12 of a particle, it moves nodes at the edge of particles that MPM3D-F90 takes as empty: `own_floor_m` is the
 largest difference then, and `front_m` the front beyond the toe. Where soil opens rounding grows tenfold in tens of
-steps, so that late positions differ by what they would in a second run of either. Finished rows stay in out/peer_mpm3d.
+steps: `nudged_m` is by how much this solver differs from itself, started 1e-13 m to the side. Finished rows stay in
+out/peer_mpm3d.
 """
 
 from __future__ import annotations
@@ -132,19 +133,26 @@ def start(case: Case) -> tuple[mpm.Scene, mpm.State]:
     return scene, mpm.unstressed(scene)
 
 
+NUDGE = 1e-13
+"""Shift (m) at the start by which a second run shows how rounding grows."""
 LIGHTEST = 8e-5
 """Mass of a node of a section that MPM3D-F90 leaves out, over that of a particle: its slice has two nodes in place of
 that one, and 1e-5 of a full cell is 4e-5 of a particle."""
 
 
-def ours(case: Case) -> np.ndarray:
+def ours(case: Case, nudge: float = 0.0) -> np.ndarray:
     """Positions (times, 2, N) m, by the published solver's time steps.
 
     Its first step has half of the force, since its velocities belong to the middles of steps, and its later ones are
     the shorter the faster the fastest particle is.
+
+    Args:
+        case: to run.
+        nudge: of all particles along x at the start (m).
     """
     with jax.enable_x64(True):
         scene, state = start(case)
+        state = replace(state, displacement=state.displacement.at[0].add(nudge))
         wave = jnp.sqrt(scene.material.p_wave_modulus / DENSITY)
 
         def advanced(carry: tuple[mpm.State, Array]) -> tuple[mpm.State, Array]:
@@ -248,7 +256,7 @@ def compared(case: Case, there: np.ndarray) -> dict[str, Any]:
     """Differences from positions of MPM3D-F90 (times, 2, N) m, and both fronts beyond the toe at the end (m)."""
     own = ours(case)
     with patch("jaxmpm.equations._maps.MASS_FLOOR", LIGHTEST):
-        here = ours(case)
+        here, nudged = ours(case), ours(case, NUDGE)
     apart = np.linalg.norm(here - there, axis=1)
 
     def front(at: np.ndarray) -> float:
@@ -259,6 +267,7 @@ def compared(case: Case, there: np.ndarray) -> dict[str, Any]:
         "times_s": list(case.times),
         "largest_m": apart.max(axis=1).tolist(),
         "median_m": np.median(apart, axis=1).tolist(),
+        "nudged_m": np.linalg.norm(nudged - here, axis=1).max(axis=1).tolist(),
         "own_floor_m": np.linalg.norm(own - there, axis=1).max(axis=1).tolist(),
         "front_m": front(own[-1]),
         "their_front_m": front(there[-1]),

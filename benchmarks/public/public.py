@@ -16,7 +16,7 @@ from pathlib import Path
 
 from benchmarks.measure import ROOT, Report, code_digest, stored_row
 from benchmarks.public import dam_breaks, elastic, frank, granular, reliability, slopes
-from benchmarks.public.rows import Row, not_run
+from benchmarks.public.rows import Row, without_answer
 
 VARIABLE = "JAXMPM_PUBLIC"
 """Environment variable that names the folder of the data."""
@@ -82,7 +82,7 @@ def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
     for name, make in made.items():
         file = f"{name}{' quick' if quick else ''}"
         if not name.startswith(tuple(only)) and not (stored / f"{file}.json").is_file():
-            yield not_run(name)
+            yield without_answer(name)
             continue
         print(f"{name} ...", file=sys.stderr, flush=True)
         yield from stored_row(stored, file, partial(_made, make))["rows"]

@@ -46,11 +46,11 @@ def row(
     }
 
 
-def not_run(case: str) -> Row:
-    """The row of a case that was left out."""
+def without_answer(case: str, why: str = "not run") -> Row:
+    """The row of a case that was left out, or that the program of others does not answer."""
     return {
         **dict.fromkeys(("case", "cell_m", "quantity", "ours", "theirs", "difference", "seconds", "figure")),
         "case": case,
-        "quantity": "not run",
+        "quantity": why,
         "finest": False,
     }

@@ -92,15 +92,16 @@ def slid(campaign: Campaign, grid: str) -> dict[str, float | str]:
     top = np.flatnonzero((position[0] < CREST) & (position[1] > HEIGHT - cell / 2))
     onset = motion.onset[top[np.argsort(-position[0, top])]]
     gone = motion.moved >= LETS_GO
-    rear = float(position[0, gone].min()) - cell / 4
+    rear = float(position[0, gone].min()) - cell / 4 if gone.any() else CREST
+    behind = TOE - rear if gone.any() else 0.0  # run-outs are from where the slide ends, of one that stands 0
     x = (position + distance)[0]
-    front, front_of_slid = _where(x, volume, 0.99), _where(x[gone], volume[gone], 0.95)
+    front, front_of_slid = _where(x, volume, 0.99), _where(x[gone], volume[gone], 0.95) if gone.any() else TOE
     return {
         "cell_m": cell,
         "particles": volume.size,
         "strength_kpa": campaign.random["strength"].mean / 1e3,
-        "runout_m": round(answer.runout - (TOE - rear), 2),
-        "runout_foremost_m": round(answer.runout_foremost - (TOE - rear), 2),
+        "runout_m": round(answer.runout - behind, 2),
+        "runout_foremost_m": round(answer.runout_foremost - behind, 2),
         "runout_of_99_percent_m": round(front - TOE, 2),
         "runout_of_95_percent_m": round(front_of_slid - TOE, 2),
         "retrogression_m": round(CREST - rear, 2),
