@@ -73,7 +73,7 @@ def _strengthened(scene: Scene, factor: float) -> Scene:
     return replace(scene, boundary=replace(boundary, **stronger))
 
 
-class Drawn(NamedTuple):
+class ContactForces(NamedTuple):
     """Forces along a contact over the weight of its soil, summed over its nodes.
 
     Args:
@@ -88,7 +88,7 @@ class Drawn(NamedTuple):
 
 
 @jax.jit
-def drawn(scene: Scene, state: State) -> Drawn:
+def drawn(scene: Scene, state: State) -> ContactForces:
     """How soil at rest draws on its contact."""
     dt, maps, strengths = scene.numerics.time_step, Maps(scene, scene.particles.position), []
     nodal = pushed(scene, state, at_start(scene, state, maps), maps)
@@ -104,7 +104,7 @@ def drawn(scene: Scene, state: State) -> Drawn:
     free, held = slide(scene, velocity, lambda _, push: jnp.zeros_like(push)), slide(scene, velocity, noted)
     needed, excess = (jnp.sum(jnp.linalg.norm(nodal.mass * v, axis=1)) for v in (free, held))
     impulse = dt * jnp.sum(scene.particles.mass) * jnp.linalg.norm(scene.loads.gravity)
-    return Drawn(needed / impulse, jnp.asarray(sum(strengths)) / impulse, excess / impulse)
+    return ContactForces(needed / impulse, jnp.asarray(sum(strengths)) / impulse, excess / impulse)
 
 
 def at_start(scene: Scene, state: State, maps: Maps) -> Nodal:
