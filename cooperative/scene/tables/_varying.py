@@ -147,6 +147,9 @@ class RandomField(Part):
         synonyms="model cov_model covmodel variogram nu='matern_3/2'_of_1.5,_'matern_5/2'_of_2.5,_'exponential'_of_0.5",
         named="gaussian='squared_exponential' matern='matern_3/2'",
     )  # fmt: skip
+    energy: Annotated[float, Within(Limit(above=0, most=1))] = key(
+        "Share of the variance of a product that its terms hold.", 0.999, 0.999
+    )
     form: Literal["product", "elliptic"] = key(
         "Correlation between the axes: the product of those along each axis, or that of the distance in units of the "
         "lengths, which is isotropic where these are equal; for the exponential, Matern and squared exponential "
@@ -154,9 +157,6 @@ class RandomField(Part):
         "elliptic",
         "product",
         synonyms="isotropic anisotropy separable",
-    )
-    energy: Annotated[float, Within(Limit(above=0, most=1))] = key(
-        "Share of the variance of a product that its terms hold.", 0.999, 0.999
     )
     sampled_at: Literal["particles", "cells", "cell averages"] = key(
         "Where the field is evaluated: at particles, at the centre of each cell, or as its mean over each cell, which "
