@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import stdtrit
 
 from benchmarks.statistics import estimators_means as means
 from cooperative.estimate import exceedance, mean_interval, mean_of, monte_carlo
@@ -92,3 +93,13 @@ def test_the_variance_of_a_weighted_mean_is_that_of_leaving_each_slide_out(slide
     without = [np.delete(share, k) @ np.delete(value, k) / (1 - share[k]) for k in range(len(share))]
     variance, _ = _of_ratio(share, value[:, None], np.array([mean]))
     np.testing.assert_allclose(variance, [np.square(np.array(without) - mean).sum()], rtol=1e-9, atol=1e-9)
+
+
+def test_where_all_samples_fail_a_mean_has_the_degrees_of_freedom_of_its_slides():
+    weight, value = np.random.default_rng(5).uniform(0.2, 1.0, (2, 30))
+    share = weight / weight.sum()
+    mean = share @ value
+    variance, freedom = _of_ratio(share, value[:, None], np.array([mean]))
+    found = mean_of(monte_carlo(np.ones(30, bool)), weight, value)
+    half = stdtrit(freedom, 0.975) * np.sqrt(variance) / mean
+    np.testing.assert_allclose(np.log(found.high / found.value), half, rtol=1e-9)
