@@ -512,10 +512,10 @@ def check_moving(campaign: Campaign) -> None:
         rule = f"varies beside {name}, in which weight follows the water"
         raise Invalid((weights[0],), None, rule, "give it as a number")
     names = [layer.name for layer in site.layers]
-    for number, layer in enumerate(table.layer):
+    for position, layer in enumerate(table.layer):
         if layer.name not in names:
             remedy = f"give one of {', '.join(map(shown, names))}" if names else "it has none, give soil instead"
-            path = (name, "layer", number, "name")
+            path = (name, "layer", position, "name")
             raise Invalid(path, shown(layer.name), "is no [[layer]] of the ground", remedy)
     for where, conducts in campaign.conductivities.items():
         with at(*((name, "soil") if where is None else (name, "layer", site.layers[where].name)), CONDUCTIVITY):
