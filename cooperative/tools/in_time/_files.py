@@ -97,14 +97,15 @@ def _when_they_fail(result: InTime, slides: SlidesInTime | None) -> Figure:
     slid = slides is not None and slides.at.size > 0
     figure, axes = panels(3 if slid else 2, 1, size=(7.0, 2.3))
     hours = np.array(result.times) / HOUR
-    width = 0.35 * (np.diff(hours).min() if hours.size > 1 else 1.0)
+    width = min(0.35 * np.diff(hours).min(), 0.05 * np.ptp(hours)) if hours.size > 1 else 1.0
     bars = {"rough": (result.rough.size, "#999999"), "refined": (len(result.refined), "#0072B2")}
     shown = [grid for grid, (samples, _) in bars.items() if samples]
     for number, grid in enumerate(shown):
         samples, colour = bars[grid]
         place, label = hours + (number - (len(shown) - 1) / 2) * width, f"{grid} grid, of {samples} samples"
         axes[0].bar(place, result.counts(grid), width, color=colour, label=label)
-    axes[0].set(ylabel="samples that fail first")
+    most = max(int(result.counts(grid).max()) for grid in shown)
+    axes[0].set(ylabel="samples that fail first", ylim=(0, 1.4 * max(most, 1)))  # room for the legend
     axes[0].set_title(literal(result.campaign.name), loc="left")
     axes[0].yaxis.set_major_locator(MaxNLocator(integer=True))
     axes[0].legend(frameon=False, fontsize="small")
@@ -117,7 +118,7 @@ def _when_they_fail(result: InTime, slides: SlidesInTime | None) -> Figure:
                     hours[slides.at[here]], slides.column("runout")[here], "o", color=colour, alpha=0.7,
                     label=name if name in SEVERITY else "slides",
                 )  # fmt: skip
-        axes[1].set(ylabel="run-out [m]", ylim=(min(0.0, axes[1].get_ylim()[0]), None))
+        axes[1].set(ylabel="run-out [m]", ylim=(min(0.0, np.nanmin(slides.column("runout"), initial=0.0)), None))
         axes[1].legend(frameon=False, fontsize="small")
     draw_load([axes[0], axes[-1]], result.campaign)
     margin = width * 1.2
@@ -149,10 +150,10 @@ def _of_time(result: InTime, slides: SlidesInTime | None, at: int) -> list[Cell]
     return [*counts, int(here.sum()), *means, *slides.modes(at).values()]
 
 
-def _heads(slides: SlidesInTime | None) -> list[str]:
+def _heads(result: InTime, slides: SlidesInTime | None) -> list[str]:
     """Names of these columns."""
-    head = ["fail first, rough", "fail first, refined"]
-    return head if slides is None else [*head, "slides", "mean run-out [m]", "mean volume", *SEVERITY]
+    head, volume = ["fail first, rough", "fail first, refined"], "m3" if result.campaign.dimension == 3 else "m3/m"
+    return head if slides is None else [*head, "slides", "mean run-out [m]", f"mean volume [{volume}]", *SEVERITY]
 
 
 def _failures(result: InTime, slides: SlidesInTime | None) -> str:
@@ -160,7 +161,7 @@ def _failures(result: InTime, slides: SlidesInTime | None) -> str:
         [time, *("" if cell is None else cell for cell in _of_time(result, slides, at))]
         for at, time in enumerate(result.times)
     ]
-    return csv_text(["t [s]", *_heads(slides)], rows)
+    return csv_text(["t [s]", *_heads(result, slides)], rows)
 
 
 def _when(result: InTime, first: int) -> object:
@@ -219,7 +220,7 @@ def _page(result: InTime, slides: SlidesInTime | None, pictures: list[Drawn]) ->
         [in_hours(time), float(f"{each.probability:.4g}"), limits(each.interval), *_of_time(result, slides, at)]
         for at, (time, each) in enumerate(zip(result.times, result.estimates, strict=True))
     ]
-    yield table(["time", "P_f", "95 %", *_heads(slides)], rows)
+    yield table(["time", "P_f", "95 %", *_heads(result, slides)], rows)
     if slides is not None:
         ended = int((np.asarray(slides.columns["broke_off"], float) == 1).sum()) if slides.at.size else 0
         lost = f" {ended} of them broke off, and have no run-out." if ended else ""
@@ -246,7 +247,7 @@ def _json(result: InTime, slides: SlidesInTime | None) -> str:
             {
                 "time": time, "probability": each.probability, "interval": list(each.interval), "level": each.level,
                 "cov": each.cov if np.isfinite(each.cov) else None, "method": each.method, "notes": list(each.notes),
-                **dict(zip(_heads(slides), _of_time(result, slides, at), strict=True)),
+                **dict(zip(_heads(result, slides), _of_time(result, slides, at), strict=True)),
             }
             for at, (time, each) in enumerate(zip(result.times, result.estimates, strict=True))
         ],
