@@ -126,3 +126,12 @@ def test_pressure_goes_along_with_the_soil_that_has_it():
     np.testing.assert_allclose(end.displacement[0], 2.0, atol=2e-2)
     np.testing.assert_allclose(end.displacement[1], 0.0, atol=2e-3)
     np.testing.assert_allclose(end.stress[:3], stress[:3], atol=300.0)
+
+
+def test_with_soil_gives_a_pressure_to_soil_that_has_one():
+    scene, state = mpm.section(LEVEL, SAND, NUMERICS, r_u=0.2, at_rest=False)
+    under, _ = mpm.with_soil(scene, state, pore_pressure=-3e3, unit_weight=19e3)
+    np.testing.assert_array_equal(under.loads.pore_pressure, -3e3)
+    dry, state = mpm.section(LEVEL, SAND, NUMERICS, at_rest=False)
+    with pytest.raises(ValueError, match="pore_pressure is given, and the scene has none"):
+        mpm.with_soil(dry, state, pore_pressure=1e3)
