@@ -1,11 +1,11 @@
 """Pressure and factor of safety at the times of a scene: words, tables and pictures, and what a table gives back."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from cooperative._arguments import parser
 from cooperative._commands import COMMANDS
 from cooperative.scene import parse
 from cooperative.tools.seepage import lines, wetted, write_wetted
@@ -46,14 +46,14 @@ def test_its_files_say_the_same(result, tmp_path):
 def test_the_command_has_factors_and_refuses_a_scene_whose_water_rests(tmp_path, capsys):
     path = tmp_path / "storm.toml"
     path.write_text(scene(at_rest_at(1.0), ""))
-    args = {"scene": path, "allow_outside": False, "out": None, "sample": None, "flow": False, "probability": False}
-    COMMANDS["seepage"](SimpleNamespace(**args))
+    args = parser().parse_args(["seepage", str(path)])
+    COMMANDS["seepage"](args)
     said = capsys.readouterr().out
     assert said.count("factor of safety  1.") == 2
     assert (tmp_path / "storm-seepage" / "factor.png").exists()
     path.write_text(scene("", LEVEL))
     with pytest.raises(ValueError, match="no water moves in the scene"):
-        COMMANDS["seepage"](SimpleNamespace(**args))
+        COMMANDS["seepage"](args)
 
 
 def test_another_time_is_that_of_the_ground():
