@@ -128,7 +128,7 @@ class Chart:
         ]  # fmt: skip
 
 
-def rate_at(chance: float, rates: Sequence[float], rising: Sequence[float]) -> float:
+def rate_at(chance: float, rates: Sequence[float] | np.ndarray, rising: Sequence[float] | np.ndarray) -> float:
     """The rate at which a probability that rises with it reaches a value, linear in the logarithm of the rate.
 
     Args:
@@ -274,8 +274,8 @@ def chart_lines(result: Chart) -> Iterator[str]:
         if np.isfinite(line.rate):
             where = "" if line.duration is None else f" in {in_hours(line.duration)}"
             unit, scale = ("m/day", M_PER_DAY) if line.duration is None else ("mm/h", MM_PER_HOUR)
-            low, high = (f"{scale * each:.3g}" if np.isfinite(each) else "-" for each in (line.low, line.high))
-            yield f"    {line.chance:.0%} at {scale * line.rate:.3g} {unit} ({low} to {high}){where}"
+            ends = (f"{scale * each:.3g}" if np.isfinite(each) else "-" for each in (line.low, line.high))
+            yield f"    {line.chance:.0%} at {scale * line.rate:.3g} {unit} ({' to '.join(ends)}){where}"
     yield from (
         f"    {note}" for note in dict.fromkeys(note for row in result.estimates for each in row for note in each.notes)
     )
