@@ -19,19 +19,15 @@ SLOPE = mpm.Slope(crest=10.0, height=6.0, run_per_rise=1.0, toe=14.0, foundation
 CLAY = mpm.Soil(young=1e7, strength=20e3, softening_modulus=60e3, tension_cutoff=None)
 LEVEL = mpm.Section([(0, 3), (3, 3)])
 FINE = mpm.Discretisation(1.0, (0.5, 0.5), dtype="float64")
-FRICTIONAL = {
-    "dilation": 5.0,
-    "young": 5e6,
-    "softening_strain": 0.1,
-    "residual_cohesion": 400.0,
-    "residual_friction": 20.0,
-    "tension_cutoff": 100.0,
-}
+SAND = mpm.FrictionalSoil(
+    1e3, 25.0, dilation=5.0, young=5e6, softening_strain=0.1, residual_cohesion=400.0, residual_friction=20.0,
+    tension_cutoff=100.0, unusual=True,
+)  # fmt: skip
 LAWS = {
     "J2": mpm.Soil(strength=4e3, softening_modulus=2e4, young=5e6, rate_coefficient=0.1, viscosity=50.0,
                    tension_cutoff=200.0, unusual=True),
-    "MohrCoulomb": mpm.FrictionalSoil(1e3, 25.0, **FRICTIONAL, unusual=True),
-    "DruckerPrager": mpm.FrictionalSoil(1e3, 25.0, **FRICTIONAL, law=DruckerPrager, unusual=True),
+    "MohrCoulomb": SAND,
+    "DruckerPrager": replace(SAND, law=DruckerPrager),
     "AnisotropicUndrained": mpm.AnisotropicSoil(4e3, 3e3, 2e3, young=5e6),
     "ModifiedCamClay": mpm.CamClaySoil(0.1, 0.02, 1.0, ocr=1.5, largest_pressure=100e3),
     "MuI": mpm.GranularSoil(20.0, 30.0, 1e-2, young=1e6),
@@ -123,6 +119,7 @@ def contact(steps: int) -> Problem:
     shape = mpm.Section([(0, 4), (4, 4), (4, 0), (10, 0)], interface=interface)
     scene, state = mpm.section(shape, mpm.FrictionalSoil(100.0, 28.0, young=2e5), FINE)
     boundary = scene.boundary
+    softening = jnp.asarray(boundary.softening)
 
     def reached(factors: Factors) -> Array:
         strength = {
@@ -130,7 +127,7 @@ def contact(steps: int) -> Problem:
             "wall_cohesion": boundary.cohesion * factors["wall_cohesion"],
         }
         varied, start = mpm.with_soil(scene, state, **strength)
-        slip = boundary.softening * jnp.stack([factors["residual_ratio"], factors["slip_length"]])
+        slip = softening * jnp.stack([factors["residual_ratio"], factors["slip_length"]])
         varied = replace(varied, boundary=replace(varied.boundary, softening=slip))
         return objectives.log_displacement(mpm.replay(varied, start, steps)[0])
 
