@@ -14,9 +14,8 @@ of positions in src/DataOut.f90 rounds them to centimetres: make it `3es24.16`.
 Differences are between positions (m) after 1, 2, 4 and 8 s, the largest and the median over particles, where this
 solver leaves nodes out that have as little mass as those that MPM3D-F90 leaves out, 1e-5 of a full cell. With its own
 floor, 1e-12 of a particle, it moves nodes at the edge of particles that MPM3D-F90 takes as empty: `own_floor_m` is the
-largest difference then, and `front_m` the front beyond the toe. Where soil opens rounding grows tenfold in tens of
-steps: `nudged_m` is by how much this solver differs from itself, started 1e-13 m to the side. Finished rows stay in
-out/peer_mpm3d.
+largest difference then, and `front_m` the front beyond the toe. `nudged_m` is by how much this solver differs from
+itself, started 1e-13 m to the side: no two programs agree better. Finished rows stay in out/peer_mpm3d.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ import tempfile
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from unittest.mock import patch
 
 import jax
@@ -61,7 +60,8 @@ class PublishedCone(Law):
     """Drucker-Prager without dilation as MPM3D-F90 returns to it (M3DM9 of src/Constitution.f90).
 
     Above the largest mean stress, which is 0 for soil without friction, shear beyond the line through the corner goes
-    back to the cone at the mean stress that it has; only the rest is cut off.
+    back to the cone at the mean stress that it has; only the rest is cut off. The law counts as one with friction, so
+    that this solver does not close the gaps of clay above rigid ground, which MPM3D-F90 does not know.
 
     Args:
         bulk: elastic bulk modulus (Pa).
@@ -76,6 +76,8 @@ class PublishedCone(Law):
     slope: Array
     intercept: Array
     cutoff: Array
+
+    FRICTIONAL: ClassVar[bool] = True
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: None, dt: Array | None = None
