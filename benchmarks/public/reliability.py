@@ -308,9 +308,9 @@ def repeated(name: str, estimator: str, run: Callable[[int], Answer], pf: float,
     calls, error = float(np.mean([answer.calls for answer in answers])), float(np.sqrt(np.mean(off**2)))
     case = f"{name}, {estimator}" + ("" if own else " of OpenTURNS")
     shown = partial(row, case, start=start)
-    figure = {"figure": "reliability_coverage_min", "finest": True} if own else {}
+    figure, off_by = "reliability_coverage_min" if own else None, float(held) - 0.95
     return [
-        shown("coverage of the 95 % interval", float(held), 0.95, difference=float(held) - 0.95, **figure),
+        shown("coverage of the 95 % interval", float(held), 0.95, difference=off_by, figure=figure, finest=own),
         shown("mean P_f", pf * (1 + float(off.mean())), pf),
         shown("root mean square error over P_f", error, 0.0, difference=error),
         shown("calls", calls, 0.0, difference=calls),

@@ -87,7 +87,7 @@ def slid(cell: float, *, average: bool, associated: bool, cutoff: bool, at_rest:
 def run(quick: bool) -> Report:
     """All slides; `quick` on the coarsest cells."""
     folder = ROOT / "out" / "averaged_friction" / code_digest()
-    cases = [
+    cases: list[dict[str, Any]] = [
         {"cell": cell, "average": average, "associated": associated, "cutoff": cutoff, "at_rest": at_rest}
         for cell in (CELLS[:1] if quick else CELLS[:-1])
         for cutoff in (False, True)
