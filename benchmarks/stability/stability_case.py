@@ -171,10 +171,11 @@ def work_across_gaps(scene: mpm.Scene, state: mpm.State) -> Array:
     acting, d = equations.acting_stress(scene, state.stress, volume, maps), scene.grid.dimension
     levels = equations.by_levels(scene, volume, acting)
     sums = maps.to_grid(None, acting, levels)
-    stress = sums[:, :d]
-    force = stress if levels is None else equations.bridged(scene, sums[:, d:], stress)
-    if equations.sheared(scene) is not False:
-        force = equations.closed(scene, equations.gaps(scene, nodal.mass[:, 0]), force, nodal.undrained)
+    stress, shears = sums[:, :d], equations.sheared(scene) is not False
+    gap = equations.gaps(scene, nodal.mass[:, 0]) if shears else None
+    force = stress if levels is None else equations.bridged(scene, sums[:, d:], stress, gap)
+    if shears:
+        force = equations.closed(scene, gap, force, nodal.undrained)
     traction = force - stress
     before, after = equations.nodal_velocity(nodal), equations.move_grid(scene, nodal, state.step * dt, dt).velocity
     return -dt / 2 * jnp.sum(traction * (before + after))
