@@ -70,7 +70,7 @@ def test_strength_is_the_fields_at_each_particle_or_at_the_centre_of_its_cell(ce
     length = "length = [20.0, 4.0]"
     per_particle, per_cell = (parse(text.replace(length, f"{length}\n{line}")) for line in ("", 'sampled_at = "cells"'))
     with pytest.raises(
-        ValueError, match=r"sampled_at = 'cell': give one of 'particles', 'cells' \(did you mean 'cells'"
+        ValueError, match=r"sampled_at = 'cell': give one of 'particles', 'cells', 'cell averages' \(did you mean"
     ):
         parse(text.replace(length, f'{length}\nsampled_at = "cell"'))
     soil = runs.random_soil(per_particle)
