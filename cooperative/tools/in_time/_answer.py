@@ -307,6 +307,8 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
     if (known := runner.kept.factors) is not None:
         return known
     factors = np.full((samples, count), math.nan)
+    for state in runner.states:
+        _ = state.campaign.flow  # water that cannot flow is no matter of slices
     try:
         sections = [slices_at_rest(state.resting) for state in runner.states]
         chosen = np.unique(np.linspace(0, count - 1, min(count, SURFACES)).round().astype(int))

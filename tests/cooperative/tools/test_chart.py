@@ -23,7 +23,7 @@ chart = { rates = ["0.1 m/day", "1 m/day", "10 m/day"] }
 
 
 def made(moving=STORMS, samples=40):
-    campaign = parse(scene(moving, LEVEL if moving is STORMS else ""))
+    campaign = parse(scene(moving, LEVEL if "[rain]" in moving else ""))
     return replace(campaign, plan=replace(campaign.plan, samples=samples))
 
 
