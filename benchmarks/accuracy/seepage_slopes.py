@@ -50,7 +50,7 @@ cell = [1.524, 0.762]
 suction = false
 left = "closed"
 right = "closed"
-soil = {{ conductivity = 0.05, alpha = 14.5, n = 2.68, porosity = 0.43, residual = 0.045 }}
+soil = {{ conductivity = 0.04, alpha = 14.5, n = 2.68, porosity = 0.43, residual = 0.045 }}
 [soil]
 unit_weight = 19636
 young = 1e8
