@@ -34,6 +34,11 @@ REACHES = 0.25
 """Share of a cell from which soil in it joins the cell beyond it; with less, in proportion."""
 
 
+BARELY = 1e-15
+"""Mass at a node (kg), volume (m3) or share of a cell up to which soil barely reaches there: the square of its inverse,
+which a derivative takes, is no number in float32."""
+
+
 class GroundPlanes(NamedTuple):
     """A plane of nodes on rigid ground along which soil shears or slides, or all planes of nodes but the last.
 
@@ -106,9 +111,11 @@ def gaps(scene: Scene, mass: Array) -> Array | None:
 
 def gap_of(first: Array, second: Array) -> Array:
     """Gap as a share of a cell, of the masses at nodes on the ground and at the next ones (kg)."""
-    # From a half on there is no gap; the square of a ratio to the mass at a node that soil barely reaches overflows.
-    ratio = jnp.minimum(first / jnp.where(second > 0, second, jnp.inf), 1)
-    # Without soil the root is 1, where it has a derivative.
+    # From a half on there is no gap; a ratio to the mass at a node that soil barely reaches overflows, as its square
+    # and its derivative do.
+    less = (first < second) & (second > BARELY)
+    ratio = jnp.where(less, first / jnp.where(less, second, 1), 1)
+    # Without mass on the ground the root is 1, where it has a derivative.
     return _counted((1 - jnp.sqrt(jnp.where(ratio > 0, ratio + 2 * ratio**2, 1))) / (1 + ratio), NARROW)
 
 
@@ -197,7 +204,7 @@ def bridged(scene: Scene, levels: Array, force: Array, gap: Array | None) -> Arr
         return first + jnp.clip(first / REACHES, 0, 1) * jnp.maximum(second - first, 0)
 
     beside = jnp.minimum(jnp.minimum(full(1), full(-1)), 1)
-    lacks = beside > filled
+    lacks = (beside > filled) & (beside > BARELY)
     gap = _counted(jnp.where(lacks, 1 - filled / jnp.where(lacks, beside, 1), 0), UNEVEN)
     lacking = (gap / (1 - gap))[..., None] * traction
     change = lacking - shifted(lacking, -1, upright)
