@@ -79,10 +79,10 @@ def undocumented_keys() -> list[str]:
 def run(quick: bool) -> Report:
     """Count; there is nothing to leave out when `quick`."""
     missing, broken = undocumented_keys(), {path: broken_links(path) for path in pages()}
-    keys = sum(len(keys(table)) for table in TABLES.values())
+    count = sum(len(keys(table)) for table in TABLES.values())
     values = {
         "readme_words": words("README.md"),
-        "keys_documented": 1 - len(missing) / keys,
+        "keys_documented": 1 - len(missing) / count,
         "links_broken": sum(map(len, broken.values())),
     }
     rows = [{"page": path, "words": words(path), "broken_links": broken[path]} for path in pages()]
