@@ -3,6 +3,7 @@
 import pytest
 
 import jaxmpm as mpm
+from benchmarks.results import stored_rows
 from benchmarks.speed.gradients_problems import BY_LAW, FINE, LAWS, LEVEL
 from jaxmpm.laws import Elastic, Law, declared
 
@@ -19,3 +20,8 @@ def test_every_law_is_compared_in_every_number_that_it_may_have():
         # A factor changes no number that is 0.
         assert all(float(number.value) for number in known.values())
     assert set(BY_LAW) == {*LAWS, "J2, exponential"}
+
+
+def test_derivatives_of_the_longest_run_are_numbers():
+    """Their number of seconds does not show whether they are."""
+    assert [row["finite"] for row in stored_rows("gradients") if "finite" in row] == [True]
