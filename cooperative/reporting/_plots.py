@@ -72,6 +72,7 @@ QUANTITIES = {
     "strain_95": ParameterLabel("plastic strain of 95 % of the loss", r"$\gamma_{95}$", "-"),
     "softening_strain": ParameterLabel("plastic strain of the loss", r"$\gamma_r$", "-"),
     "rate_coefficient": ParameterLabel("rise of strength per tenfold rate", r"$\mu$", "-"),
+    "loss_time": ParameterLabel("time over which strength is lost", "$t_r$", "s"),
     "viscosity": ParameterLabel("plastic viscosity", r"$\eta$", "Pa s"),
     "compression": ParameterLabel("slope of the virgin line", r"$\lambda^*$", "-"),
     "critical_state": ParameterLabel("critical state ratio", "$M$", "-"),

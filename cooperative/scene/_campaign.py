@@ -421,6 +421,10 @@ def check_campaign(campaign: Campaign) -> None:
 def _check_run(campaign: Campaign) -> None:
     """Raise ValueError for what runs do that does not go with the ground and what varies in it."""
     run, plan = campaign.run, campaign.plan
+    weakens = [loss for part in campaign.site.soils(campaign.soil) if (loss := getattr(part.soil, "loss_time", None))]
+    if weakens and run.failure == "limit load":
+        rule = f"beside loss_time = {weakens[0]:g} s, over which strength falls, so that no load is its limit"
+        raise Invalid(("failure",), "'limit load'", rule, "take a displacement")
     if campaign.shaking is not None and (duration := float(campaign.shaking.duration)) > run.t_end * (1 + 1e-6):
         rule = f"lasts {duration:g} s, beyond t_end = {run.t_end:g} s at which runs end"
         raise Invalid(("the motion of the base",), None, rule, f"give t_end = {duration:g} or more, or cut the record")

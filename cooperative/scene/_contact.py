@@ -39,6 +39,11 @@ def on_ground(site: Site, table: tables.InterfaceTable, soil: AnySoil) -> Site:
         raise Invalid(
             (), None, f"has the {' and '.join(follows)} of the soil, which has none", "give the interface numbers"
         )
+    if "cohesion" in follows and (weakens := [loss for layer in soils if (loss := getattr(layer, "loss_time", None))]):
+        raise Invalid(
+            ("cohesion",), "'soil'", f"of soil with loss_time = {weakens[0]:g} s, whose loss a contact does not follow",
+            "give the interface the strength that is left",
+        )  # fmt: skip
     undrained = any(getattr(layer, "strength", None) for layer in soils)
     interface = Interface(**values, softens=undrained and "cohesion" in follows and table.slip_length is None)
     interface.check()

@@ -15,8 +15,11 @@ from jaxmpm import FrictionalSoil, Layer, Raster, Soil
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered, Invalid, at
 
+LOSSES = ("softening_modulus", "strain_95", "loss_time")
+"""By which undrained soil loses strength, one of them."""
+
 SOFTENED_BY = {
-    "residual_ratio": ("softening_modulus", "strain_95"),
+    "residual_ratio": LOSSES,
     "residual_cohesion": ("softening_strain",),
     "residual_friction": ("softening_strain",),
 }
@@ -104,6 +107,8 @@ def _soil_of(
         if name in random and values.keys().isdisjoint(others):
             remedy = f"add {' or '.join(others)} to {home}, or leave it out"
             raise Invalid(path(name), None, "varies, but the soil does not soften", remedy)
+    if (losses := [name for name in LOSSES if name in values])[1:]:
+        raise Invalid(path(losses[1]), None, f"is given beside {losses[0]}", "choose one loss of strength")
     _check_saturated(values, random, path, home)
     _check_limited(values, random, ground.span, path)
     return _built(values), {name: random[name] for name in LIMITS if name in random}

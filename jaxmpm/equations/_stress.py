@@ -12,7 +12,15 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.equations._maps import Maps
-from jaxmpm.laws import elastic_increment, elastic_strain, frictional, logarithmic, update_with_gap, volumetric
+from jaxmpm.laws import (
+    at_time,
+    elastic_increment,
+    elastic_strain,
+    frictional,
+    logarithmic,
+    update_with_gap,
+    volumetric,
+)
 from jaxmpm.protocols import Tensor
 from jaxmpm.types import Scene, State
 
@@ -69,7 +77,8 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
         # As the strain is: otherwise loose sand lies for ever beside sand that bears its weight. Clay loses energy.
         averaged = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
         gap = jnp.where(frictional(scene.material), averaged, gap)
-    stress, history, gap = update_with_gap(scene.material, *inputs, gap=gap, logarithmic=scene.numerics.finite_strain)
+    law = at_time(scene.material, (state.step + 1) * dt)
+    stress, history, gap = update_with_gap(law, *inputs, gap=gap, logarithmic=scene.numerics.finite_strain)
     unaveraged = state.unaveraged
     if scene.numerics.nonlocal_passes is not None:
         # The next step's transfers average it: transfers of its own would cost a fifth of a step.

@@ -10,10 +10,10 @@ from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._granular import MuI
 from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._parameter import Declared, Parameter, declared, excesses, hardens, has_strength, with_parameters
-from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, RateEffect, Softening
-from jaxmpm.laws._undrained import J2, Elastic, add, elastic_increment, elastic_strain
+from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, LossInTime, RateEffect, Softening
+from jaxmpm.laws._undrained import J2, Elastic, add, at_time, elastic_increment, elastic_strain
 from jaxmpm.laws._water import WaterSurface, WaterTable
-from jaxmpm.laws._zoned import Zoned, frictional, in_total_stress, laws_of, softened
+from jaxmpm.laws._zoned import Zoned, frictional, in_total_stress, laws_of, softened, weakens_until
 
 __all__ = [
     "J2",
@@ -28,6 +28,7 @@ __all__ = [
     "ExponentialSoftening",
     "FrictionalSoftening",
     "Law",
+    "LossInTime",
     "Matching",
     "Mobilisation",
     "ModifiedCamClay",
@@ -40,6 +41,7 @@ __all__ = [
     "WaterTable",
     "Zoned",
     "add",
+    "at_time",
     "cone",
     "declared",
     "elastic_increment",
@@ -58,5 +60,6 @@ __all__ = [
     "softened",
     "update_with_gap",
     "volumetric",
+    "weakens_until",
     "with_parameters",
 ]

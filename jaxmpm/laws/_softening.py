@@ -1,4 +1,4 @@
-"""Loss of strength with plastic shear strain, and its gain with the rate of strain.
+"""Loss of strength with plastic shear strain or over time, and its gain with the rate of strain.
 
 The plastic shear strain g is engineering strain, sqrt(2 e:e) of the deviatoric plastic part: gamma in simple shear.
 """
@@ -122,6 +122,32 @@ class ExponentialSoftening:
     def steepest(self, peak: Array) -> Array:
         """Largest loss of strength per unit of g (Pa), at g = 0."""
         return 3 * (1 - self.residual_ratio) * peak / self.strain_95
+
+
+@pytree
+@dataclass(frozen=True)
+class LossInTime:
+    """Loss of undrained strength over time, whatever the strain: S = S_0 (1 - (1 - r) t / duration), at least r S_0.
+
+    So does sand that liquefies lose strength, by water that shaking has pressed out of its grains' way: Seed (1979),
+    doi:10.1680/geot.1979.29.3.215.
+
+    Args:
+        residual_ratio: r, strength that stays over strength at the start, in [0, 1].
+        duration: of the loss, which begins with the run (s).
+    """
+
+    residual_ratio: Array
+    duration: Array
+
+    PARAMETERS: ClassVar[Mapping[str, Limit]] = {
+        "residual_ratio": RATIO,
+        "duration": Parameter(above=0.0, unit="s", name="loss_time"),
+    }
+
+    def share(self, time: Array) -> Array:
+        """Share of the strength that is left after a time of the run (s)."""
+        return 1 - (1 - self.residual_ratio) * jnp.minimum(time / self.duration, 1)
 
 
 @pytree

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import singledispatch
 from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.grid import Particles
-from jaxmpm.laws._base import Law
+from jaxmpm.laws._base import Kind, Law
 from jaxmpm.laws._parameter import Parameter
-from jaxmpm.laws._softening import ExponentialSoftening, RateEffect, Softening
+from jaxmpm.laws._softening import ExponentialSoftening, LossInTime, RateEffect, Softening
 from jaxmpm.protocols import Component, Tensor
 from jaxmpm.support.check import Limit, from_zero
 from jaxmpm.support.pytrees import pytree
@@ -118,6 +119,7 @@ class J2(Law):
             `jaxmpm.laws.update_with_gap`; static.
         viscosity: Bingham's plastic viscosity eta (Pa s): at yield sqrt(J2) is S_u + eta times the rate of g. None for
             none.
+        loss: of strength over time, for which `at_time` gives the law of a step; None for none.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
@@ -134,6 +136,7 @@ class J2(Law):
     rate: RateEffect | None = None
     gap_memory: bool = field(default=True, metadata={"static": True})
     viscosity: Array | None = None
+    loss: LossInTime | None = None
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""
@@ -162,8 +165,10 @@ class J2(Law):
             Stress (Pa) and history.
 
         Raises:
-            ValueError: If there is a rate effect or a viscosity, and no dt.
+            ValueError: If there is a rate effect or a viscosity, and no dt, or strength is lost over time.
         """
+        if self.loss is not None:
+            raise ValueError("strength is lost over time: update the law of that time, at_time(law, time)")
         # Stored first: XLA on CPU would compute it anew for every use.
         trial = row_by_row(add(stress, elastic_increment(self.bulk, self.shear, strain_increment)))
         t = safe_sqrt(second_invariant(deviator(trial)))
@@ -193,3 +198,22 @@ class J2(Law):
         if self.tension_cutoff is not None:
             pressure = jnp.minimum(pressure, self.tension_cutoff)
         return (xx + pressure, yy + pressure, zz + pressure, xy, yz, xz), history
+
+
+@singledispatch
+def at_time(law: Kind, time: Array) -> Kind:
+    """The law with the strength that it has at a time; laws that lose none over time are unchanged.
+
+    Args:
+        law: a law.
+        time: since the start of the run (s).
+
+    Returns:
+        A law that loses no strength over time.
+    """
+    return law
+
+
+@at_time.register
+def _(law: J2, time: Array) -> J2:
+    return law if law.loss is None else replace(law, strength=law.strength * law.loss.share(time), loss=None)

@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 from jaxmpm.grid import Particles
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
+from jaxmpm.laws._undrained import at_time
 from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.support.check import Limit
 from jaxmpm.support.pytrees import pytree
@@ -247,6 +248,24 @@ def _(
     )
     stress = placed(zip(present, rows(jnp.concatenate(components, axis=1)), strict=True))
     return stress, history, jax.tree.map(lambda *parts: jnp.concatenate(parts), *gaps)
+
+
+@at_time.register
+def _(law: Zoned, time: Array) -> Zoned:
+    return replace(law, laws=tuple(at_time(part, time) for part in law.laws))
+
+
+def weakens_until(law: Material) -> Array | None:
+    """Time (s) at which the last soil has lost what it loses over time; None where none loses strength so.
+
+    Args:
+        law: of the scene.
+
+    Returns:
+        ().
+    """
+    losses = [loss for part in laws_of(law) if (loss := getattr(part, "loss", None)) is not None]
+    return jnp.max(jnp.stack([jnp.max(loss.duration) for loss in losses])) if losses else None
 
 
 @declared.register

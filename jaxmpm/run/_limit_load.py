@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
-from jaxmpm.laws import declared, with_parameters
+from jaxmpm.laws import declared, weakens_until, with_parameters
 from jaxmpm.run._early import elastic_period
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._stopping import Exceeds, farthest
@@ -77,9 +77,14 @@ def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
         Scene.
 
     Raises:
-        ValueError: If there is no gravity.
+        ValueError: If there is no gravity, or soil loses strength over time.
     """
     _gravity(scene)
+    if weakens_until(scene.material) is not None:
+        raise ValueError(
+            "loss_time takes strength away while a slope is looked at, which has no limit load: give the soil the "
+            "strength that it is left with, or a failure displacement"
+        )
     if _softens(scene) or not {"bulk", "shear"} <= declared(scene.material).keys():
         return scene
     dtype, height = scene.particles.mass.dtype, heights(scene)[0]

@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
+from jaxmpm.laws import weakens_until
 from jaxmpm.run._advance import over_lanes
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
@@ -119,7 +120,7 @@ class Exceeds(Rule):
 class Settle(Rule):
     """Rule by which a lane has settled: for `hold` seconds it is slow and its largest displacement does not change.
 
-    The seconds count from the end of a motion of the base.
+    The seconds count from the end of a motion of the base, and of a loss of strength over time.
 
     The unbalanced force is not part of the rule: an undamped slope oscillates elastically without end, with 5 to 15 %
     of its weight unbalanced, while it stands.
@@ -155,19 +156,22 @@ class Settle(Rule):
         """Seconds without motion, and the displacement (m) from which motion is counted."""
         return np.zeros(2)
 
-    def measure(self, scene: Scene, state: State) -> tuple[Array, Array, Array | None]:
-        """Speed (m/s), displacement and, with `slides`, mean displacement of the slide (m)."""
+    def measure(self, scene: Scene, state: State) -> tuple[Array, Array, Array | None, Array | None]:
+        """Speed (m/s), displacement, with `slides` mean displacement of the slide (m), end of a loss of strength (s)."""
         slid = None if self.slides is None else diagnostics.slide_displacement(scene, state, self.slides)
-        return diagnostics.speed(scene, state), farthest_of(scene, state, self.least_volume), slid
+        farthest, weakens = farthest_of(scene, state, self.least_volume), weakens_until(scene.material)
+        return diagnostics.speed(scene, state), farthest, slid, weakens
 
     def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """SETTLED after `hold` seconds without motion."""
-        (quiet, reference), (speed, displacement, slid) = memory, reading.measured
+        (quiet, reference), (speed, displacement, slid, weakens) = memory, reading.measured
         fast, moved = speed > self.speed, displacement
         if self.slides is not None:
             fast, moved = fast & (displacement <= self.slides), np.where(displacement > self.slides, slid, displacement)
         moves = np.abs(moved - reference) > self.drift
         restless = moves | fast | reading.shaken
+        if weakens is not None:
+            restless = restless | (reading.time < weakens)
         quiet = np.where(restless, 0.0, quiet + reading.elapsed)
         settles = ~restless & (quiet >= self.hold)
         memory = np.stack([quiet, np.where(moves, moved, reference)])

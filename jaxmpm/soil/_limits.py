@@ -53,6 +53,7 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         **dict(_of(AnisotropicUndrained)),
         **dict(_of(MuI)),
         "largest_pressure": Limit(above=0, unit="Pa"),
+        "loss_time": Limit(above=0, unit="s"),
     }
 )
 

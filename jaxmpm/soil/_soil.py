@@ -20,6 +20,7 @@ from jaxmpm.laws import (
     Elastic,
     ExponentialSoftening,
     FrictionalSoftening,
+    LossInTime,
     Matching,
     MohrCoulomb,
     RateEffect,
@@ -77,6 +78,8 @@ class Soil:
         strength_minimum: least strength with a strength_ratio (Pa).
         viscosity: Bingham's plastic viscosity (Pa s): soil that flows resists with its strength plus this times the
             rate of engineering plastic shear strain. None for none.
+        loss_time: instead of softening, time from the start of a run (s) over which the strength falls to residual_ratio
+            of itself, whatever the strain; None for no such loss.
     """
 
     unit_weight: float = 20e3
@@ -96,6 +99,7 @@ class Soil:
     strength_ratio: float | None = None
     strength_minimum: float | None = None
     viscosity: float | None = None
+    loss_time: float | None = None
 
     @property
     def softens(self) -> bool:
@@ -128,7 +132,10 @@ class Soil:
             return Elastic(bulk, shear)
         softening, cutoff = self._softening(_scale(self, band), number), _cutoff(self, number)
         viscosity = None if self.viscosity is None else number(self.viscosity)
-        return J2(bulk, shear, number(self.strength), softening, cutoff, self._rate(number), self.gap_memory, viscosity)
+        return J2(
+            bulk, shear, number(self.strength), softening, cutoff, self._rate(number), self.gap_memory, viscosity,
+            self._loss(number),
+        )  # fmt: skip
 
     def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> Softening | ExponentialSoftening | None:
         if self.strain_95 is not None and self.softening_modulus is not None:
@@ -142,6 +149,16 @@ class Soil:
         if self.strain_95 is None:
             return None
         return ExponentialSoftening(number(self.residual_ratio), number(self.strain_95 * share / scale))
+
+    def _loss(self, number: Callable[[ArrayLike], Array]) -> LossInTime | None:
+        if self.loss_time is None:
+            return None
+        for name in ("softening_modulus", "strain_95"):
+            if getattr(self, name) is not None:
+                raise ValueError(
+                    f"both loss_time and {name} are given: choose a loss of strength over time or with plastic strain"
+                )
+        return LossInTime(number(self.residual_ratio), number(self.loss_time))
 
     def _rate(self, number: Callable[[ArrayLike], Array]) -> RateEffect | None:
         if self.rate_coefficient is None:

@@ -173,6 +173,14 @@ class SoilTable(Part):
         None,
         otherwise="none: no viscosity",
     )
+    loss_time: OrTable[Annotated[float, _of("loss_time")], RandomField] | None = key(
+        "Time from the start of a run over which undrained strength falls to `residual_ratio` of itself, whatever the "
+        "strain, as that of sand that liquefies.",
+        10.0,
+        None,
+        otherwise="none: no loss over time",
+        synonyms="strength_loss_time liquefaction_time",
+    )
     cohesion: OrTable[Annotated[float, _of("cohesion")], RandomField] | None = key(
         "Cohesion, with friction in place of strength.", 5e3, None, synonyms="c"
     )

@@ -11,7 +11,7 @@ from cooperative import runs
 from cooperative.scene import parse
 from cooperative.tools.research.rare import slide_limit_state
 from cooperative.tools.sweep import variants
-from jaxmpm import FrictionalSoil
+from jaxmpm import FrictionalSoil, solve
 from jaxmpm.laws import DruckerPrager, MohrCoulomb
 from tests.scenes import model_of, tables
 
@@ -285,6 +285,18 @@ def test_exponential_softening_and_the_effect_of_rate_vary_too():
     scene, _ = model.of_sample(drawn(model, 1)[0])
     for parameter in (scene.material.softening.strain_95, scene.material.rate.coefficient):
         assert np.unique(parameter).size > 50
+
+
+def test_a_loss_over_time_varies_too_and_each_sample_slides_as_the_solver_has_it():
+    loss = "[soil.loss_time]\nmean = 3.0\ncov = 0.5\nlength = [inf, inf]"
+    lost = changed(CRACKED, ("[soil.softening_modulus]\nmean = 85e3\ncov = 0.4\nlength = [20.0, 4.0]", loss))
+    model = model_of(changed(lost, ("t_end = 4.0", "t_end = 1.0")))
+    coefficients = drawn(model, 2)
+    for sample in runs.run_samples(model, coefficients, [0, 1], width=2):
+        scene, state = model.of_sample(coefficients[sample.number])
+        assert np.ptp(scene.material.loss.duration) == 0
+        alone = solve(scene, state, t_end=1.0).state
+        np.testing.assert_allclose(sample.fields["displacement"], alone.displacement, atol=1e-5)
 
 
 def test_softening_that_leaves_its_limits_ends_its_sample_alone():

@@ -129,6 +129,14 @@ def test_affine_transfers_are_absent_from_state_and_program_unless_asked_for():
     assert len(program(*plain)) < len(program(*asked))
 
 
+def test_a_loss_of_strength_over_time_is_absent_unless_given():
+    perfect = replace(SOIL, softening_modulus=None)
+    plain, lost = section(perfect), section(replace(perfect, loss_time=2.0))
+    assert plain[0].material.loss is None
+    assert len(jax.tree.leaves(lost)) == len(jax.tree.leaves(plain)) + 2
+    assert count(program(*lost), "minimum") == count(program(*plain), "minimum") + 1
+
+
 def test_rate_effect_viscosity_and_body_force_leave_no_operation_behind():
     scene, state = section()
     assert count(program(scene, state), "log") == 0
