@@ -13,12 +13,12 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 
@@ -26,6 +26,7 @@ from cooperative.scene import Campaign, parse
 from cooperative.store import write_aside
 
 ROOT = Path(__file__).resolve().parent.parent
+Case = TypeVar("Case")
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,17 @@ def code_digest(*texts: str, folders: Iterable[str] = ("jaxmpm", "kl", "cooperat
             if path.suffix in (".py", ".so"):
                 digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def beginning_so(cases: Mapping[str, Case], only: Sequence[str]) -> dict[str, Case]:
+    """The cases whose names begin as one of `only` does.
+
+    Raises:
+        ValueError: If none begins as one of them does.
+    """
+    if strange := [start for start in only if not any(name.startswith(start) for name in cases)]:
+        raise ValueError(f"--only {strange[0]}: no case begins so, give beginnings of {', '.join(cases)}")
+    return {name: case for name, case in cases.items() if name.startswith(tuple(only))}
 
 
 def stored_row(folder: Path, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:

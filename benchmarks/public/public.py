@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.measure import ROOT, Report, beginning_so, code_digest, stored_row
 from benchmarks.public import dam_breaks, elastic, frank, granular, reliability, slopes
 from benchmarks.public.rows import Row, without_answer
 
@@ -77,11 +77,10 @@ def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
     code = [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))]
     stored = ROOT / "out" / "public" / code_digest(*code)
     made = {name: make for family in FAMILIES.values() for name, make in family(data, quick).items()}
-    if strange := [start for start in only if not any(name.startswith(start) for name in made)]:
-        raise ValueError(f"--only {strange[0]}: no case begins so, give beginnings of {', '.join(made)}")
+    chosen = beginning_so(made, only)
     for name, make in made.items():
         file = f"{name}{' quick' if quick else ''}"
-        if not name.startswith(tuple(only)) and not (stored / f"{file}.json").is_file():
+        if name not in chosen and not (stored / f"{file}.json").is_file():
             yield without_answer(name)
             continue
         print(f"{name} ...", file=sys.stderr, flush=True)

@@ -6,9 +6,11 @@ Cho's slope with cohesion and friction, of the rows of `benchmarks.sites.cho_cph
 correlation lengths, where P_f is P(S_u < median / factor of safety), on the published section and on Griffiths and
 Fenton's slope, there also with half of the scatter in soil of two stiffnesses, which share one answer; in 3D, of 100
 rough and 24 refined runs each, Example 2 of the paper (random cohesion and friction) and the published slope without
-softening, counterpart of the printed 0.231, between fixed ends and rollers. All but the
+softening, counterpart of the printed 0.231, between fixed ends and rollers; these also with all strength multiplied so
+that the median soil has a printed factor of safety, which tells what of a difference is the factor's. All but the
 first are campaigns in out/random_slopes, which go on with the next command where they were stopped; what has not ended
-is null. `--quick` runs a few samples of each on coarse grids.
+is null. `--only NAMES` runs the cases whose names begin so, and takes the rows of others from the kept answer.
+`--quick` runs a few samples of each on coarse grids.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import math
 import sys
 import tempfile
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -27,7 +29,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from benchmarks.measure import ROOT, Report
+from benchmarks.measure import ROOT, Report, beginning_so
+from benchmarks.results import stored_rows
 from benchmarks.sites import cho_cphi
 from cooperative import run as run_campaign
 from cooperative.folder import SUMMARY
@@ -73,6 +76,12 @@ def on_rollers(tables: Tables) -> None:
     tables["slope"]["y_ends"] = "roller"
 
 
+def at_factor(change: Callable[[Tables], None], factor: float, own: float, tables: Tables) -> None:
+    """Another change, and strength multiplied so that the median soil has a factor of safety in place of its own."""
+    change(tables)
+    tables["run"]["strength_factor"] = round(factor / own, 4)
+
+
 def without_softening_or_ends(tables: Tables) -> None:
     """As `without_softening`, with the same strength everywhere."""
     without_softening(tables)
@@ -104,8 +113,12 @@ CASES = {
     "griffiths_fenton_soft": Case("griffiths_fenton", partial(of_half_the_scatter, 2e7), None),
     "griffiths_fenton_stiff": Case("griffiths_fenton", partial(of_half_the_scatter, 1e8), None),
     "example_2": Case("example_2", in_part, (0.43,), large=2000.0),
+    "example_2_at_1.08": Case("example_2", partial(at_factor, in_part, 1.08, 0.9798), (0.43,), large=2000.0),
+    "example_2_at_1.03": Case("example_2", partial(at_factor, in_part, 1.031, 0.9798), (0.43,), large=2000.0),
     "pf_3d_limit_load": Case("paper", in_3d, (0.231,)),
     "pf_3d_rollers": Case("paper", on_rollers, (0.231,)),
+    "pf_3d_limit_load_at_1.14": Case("paper", partial(at_factor, in_3d, 1.14, 1.165), (0.231,)),
+    "pf_3d_rollers_at_1.14": Case("paper", partial(at_factor, on_rollers, 1.14, 1.1), (0.231,)),
 }
 
 
@@ -136,7 +149,7 @@ def closed_form(text: str, factor: float) -> float:
     return float(stats.norm.cdf(-math.log(factor) / math.sqrt(math.log1p(parse(text).random["strength"].cov ** 2))))
 
 
-def row(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
+def row_of(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
     """The campaign of a case, run or gone on with, beside what the literature or theory has."""
     summary = run_campaign(text, folder / name, workers=workers)
     (low, high), limit = summary.probability.interval, summary.probability.limit_load
@@ -175,17 +188,24 @@ def shares(store: Store, limit: float, large: float | None) -> dict[str, float |
     return of_rough | {"rough_large": None if large is None else round(float(np.mean(result["volume"] > large)), 3)}
 
 
-def run(quick: bool) -> Report:
-    """All cases, as far as they come; those that were stopped go on with the next command."""
-    rows = []
+def run(quick: bool, only: Sequence[str] = ("",)) -> Report:
+    """The cases that begin so, as far as they come; those that were stopped go on with the next command.
+
+    Raises:
+        ValueError: If no case begins so.
+    """
+    chosen = beginning_so(CASES, only)
+    kept = [] if len(chosen) == len(CASES) else stored_rows("random_slopes")
+    rows = [row for row in kept if row["case"] not in chosen]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) if quick else ROOT / "out" / "random_slopes"
         try:
-            for name, case in CASES.items():
+            for name, case in chosen.items():
                 workers = 1 if quick else len(cores_to_use())
-                rows.append(row(name, case, folder, scene_text(case, quick), workers))
+                rows.append(row_of(name, case, folder, scene_text(case, quick), workers))
         except Stopped as stopped:
             print(stopped, file=sys.stderr)
+    rows.sort(key=lambda row: list(CASES).index(row["case"]))
     return Report(summarised(rows), rows)
 
 

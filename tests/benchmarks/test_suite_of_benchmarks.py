@@ -205,6 +205,21 @@ def test_random_slopes_are_campaigns_that_fail_by_the_limit_load(quick):
             assert random_soil(campaign).modes == 1, name
 
 
+def test_slopes_at_a_printed_factor_have_the_strength_that_gives_it():
+    own = {row["case"]: row["fos"] for row in results.stored_rows("random_slopes")}
+    for name, case in random_slopes.CASES.items():
+        base, at, factor = name.partition("_at_")
+        if at:
+            strength = parse(random_slopes.scene_text(case, False)).run.strength_factor
+            assert own[base] * strength == pytest.approx(float(factor), rel=2e-3), name
+
+
+def test_cases_are_chosen_by_the_beginnings_of_their_names():
+    assert list(measure.beginning_so({"ab": 1, "ac": 2, "b": 3}, ["ac", "b"])) == ["ac", "b"]
+    with pytest.raises(ValueError, match="--only nothing: no case begins so, give beginnings of cho, "):
+        random_slopes.run(quick=True, only=["nothing"])
+
+
 def test_random_slopes_know_the_closed_form_and_tell_what_has_not_ended():
     text = random_slopes.scene_text(random_slopes.CASES["griffiths_fenton"], False)
     # The printed factor of 1.47 is that of the mean strength.
