@@ -1,14 +1,16 @@
 """Real slides from published data alone: what was surveyed against the 90 % interval of a campaign's failures.
 
 The scenes stand in benchmarks/scenes/real, with the source of each number and what was assumed, beside what was
-surveyed. Both were committed before the first run. After it numerical choices were changed, because grains had left the
-grid, and the slip surface on terrain became a contact; each scene names its own.
+surveyed, and what of that is scored. Each scene says what was decided before its runs, and what was changed after.
 
 `low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end, or of the failures on the
 rough grid where there is none yet; `grid` names which, `slides` counts them. `rough_low` and `rough_high` are of the
-failures on the rough grid. `hit`: the surveyed value lies within an interval whose ends differ by no more than a factor
-of 3. `score` is the interval score over the surveyed value, smaller is better; `corominas_score` that of the empirical
-relation, which has the travel distance alone. Where the change of heights was surveyed, stations along the run-out line
+failures on the rough grid. `hit`: the middle of the surveyed range lies within the interval. `score` is the interval
+score and `crps` the continuous ranked probability score, both of the surveyed range over its middle, smaller is better;
+`corominas_score` that of the empirical relation, which has the travel distance alone. What is not scored has none of
+them. The slide of the lower dam then corrects the error that the residual strengths of both dams share, and with it the
+upper dam is predicted (`benchmarks.sites.real_calibrated`): rows "lower dam known". Where the change of heights was
+surveyed, stations along the run-out line
 have rows of their own (`benchmarks.sites.real_profile`): `profile_within` is the share of stations whose change lies in
 the interval, `profile_width` the mean width of these intervals over the mean surveyed change, and `profile_misplaced`
 the share of the volume that lies elsewhere than surveyed, in the median slide and in the nearest. Campaigns stay in
@@ -20,25 +22,30 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import ROOT, Report
+from benchmarks.measure import ROOT, Report, beginning_so
+from benchmarks.sites.real_calibrated import calibrated, shared_factor
 from benchmarks.sites.real_profile import draw, in_stations, misplaced, stations, surveyed
-from benchmarks.sites.real_surveys import KNOWN, MISS, Known, corominas, holds, interval_score
+from benchmarks.sites.real_surveys import KNOWN, MISS, Known, corominas, crps, interval_score
 from cooperative import run as run_campaign
+from cooperative import runs
 from cooperative.folder import read_results
 from cooperative.runs import Stopped
 from cooperative.scene import Campaign, built, campaign_of, parse, read_scene, to_toml
 from cooperative.store import FinishedRun, read_sample, table_of
 
 SCENES = ROOT / "benchmarks" / "scenes" / "real"
+CALIBRATES, PREDICTED = "lower_san_fernando_1971", "upper_san_fernando_1971"
+RUN = (CALIBRATES, PREDICTED, "s1000_2021")
+"""Slides of whose surveys some are scored, and the dam that the first of them predicts."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,7 @@ class Compared:
     quantity: str
     surveyed: float
     checked: bool
+    scored: bool
     grid: str
     slides: int
     low: float | None
@@ -82,6 +90,7 @@ class Compared:
     high: float | None
     hit: bool
     score: float | None
+    crps: float | None
     rough_low: float | None
     rough_high: float | None
     corominas_low: float | None
@@ -137,11 +146,13 @@ def slides(name: str, folder: Path) -> dict[str, Slid]:
         "rough": (results.rough.numbers, failed, np.ones(failed.size)),
         "refined": (results.refined.numbers, results.slid, results.weight),
     }
-    answer = {}
+    soil, answer = runs.random_soil(campaign), {}
+    coefficients = runs.coefficients_of(campaign, soil)
     for grid, (numbers, slid, weight) in chosen.items():
         samples = [read_sample(results.store, grid, numbers[at]) for at in np.flatnonzero(slid)]
         each = measured(campaign, grid, KNOWN[name].crest, samples) if samples else []
         quantities = {quantity: np.array([one[quantity] for one in each]) for quantity in (each[0] if each else ())}
+        quantities |= shared_factor(soil, campaign, coefficients[np.asarray(numbers)[slid]])
         answer[grid] = Slid(quantities, weight[slid])
     return answer
 
@@ -154,6 +165,7 @@ def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Comp
         low, median, high = failures[grid].ends(quantity)
         rough_low, _, rough_high = failures["rough"].ends(quantity)
         near, likely, far = None, None, None
+        slid = failures[grid]
         if quantity == "travel" and known.fall is not None and known.volume is not None:
             near, likely, far = corominas(known.fall, known.volume)
         rows.append(
@@ -162,19 +174,21 @@ def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Comp
                 quantity,
                 survey.value,
                 survey.checked,
+                survey.scored,
                 grid,
-                failures[grid].weight.size,
+                slid.weight.size,
                 low,
                 median,
                 high,
-                low is not None and high is not None and holds(low, high, survey.value),
-                None if low is None or high is None else interval_score(low, high, survey.value),
+                low is not None and high is not None and low <= survey.value <= high,
+                None if low is None or high is None or not survey.scored else interval_score(low, high, survey),
+                None if low is None or not survey.scored else crps(slid.quantities[quantity], slid.weight, survey),
                 rough_low,
                 rough_high,
                 near,
                 likely,
                 far,
-                None if near is None or far is None else interval_score(near, far, survey.value),
+                None if near is None or far is None or not survey.scored else interval_score(near, far, survey),
                 ", ".join(f"{value:g} ({code})" for code, value in survey.published.items()) or "none",
             )
         )
@@ -200,13 +214,15 @@ def profile(name: str, known: Known, failures: Mapping[str, Slid]) -> tuple[list
 
 
 def summarised(rows: list[Compared]) -> dict[str, float | int | None]:
-    """The named figures. A quantity without a slide counts as missed; scores are of those that have one."""
+    """The named figures, of what is scored. A quantity without a slide is missed; scores are of those that have one."""
+    rows = [row for row in rows if row.scored]
     scored = [(row, row.score) for row in rows if row.score is not None]
     travel = [(score, row.corominas_score) for row, score in scored if row.corominas_score is not None]
     mean: dict[str, list[float]] = {
         "measured_within": [row.hit for row in rows],
         "checked_within": [row.hit for row in rows if row.checked],
         "interval_score": [score for _, score in scored],
+        "crps": [row.crps for row, _ in scored if row.crps is not None],
         "travel_interval_score": [score for score, _ in travel],
         "corominas_score": [empirical for _, empirical in travel],
     }
@@ -228,15 +244,23 @@ def scene_of(name: str, quick: bool) -> Campaign:
     return parse(to_toml(tables))
 
 
-def run(quick: bool) -> Report:
-    """All slides, as far as they come; those that were stopped go on with the next command."""
+def run(quick: bool, only: Sequence[str] = ("",)) -> Report:
+    """All slides that have a score or are predicted, or those that begin so, as far as they come.
+
+    Those that were stopped go on with the next command.
+
+    Raises:
+        ValueError: If no slide begins so.
+    """
     rows: list[Compared] = []
     along: list[dict[str, Any]] = []
     figures: dict[str, float] = {}
+    found: dict[str, Mapping[str, Slid]] = {}
     stopped = False
+    chosen = beginning_so({name: KNOWN[name] for name in (("sainte_monique_1994",) if quick else RUN)}, only)
     with tempfile.TemporaryDirectory() as scratch:
         base = Path(scratch) if quick else ROOT / "out" / "real_slides"
-        for name in ("sainte_monique_1994",) if quick else tuple(KNOWN):
+        for name in chosen:
             try:
                 if not stopped:
                     run_campaign(scene_of(name, quick), base / name)
@@ -244,12 +268,26 @@ def run(quick: bool) -> Report:
                 print(why, file=sys.stderr)
                 stopped = True
             if (base / name / "campaign.db").exists():
-                failures = slides(name, base / name)
+                failures = found[name] = slides(name, base / name)
                 rows += compared(name, KNOWN[name], failures)
                 more, named = profile(name, KNOWN[name], failures)
                 along, figures = along + more, figures | named
+    table = [rounded(row) for row in rows]
+    if {CALIBRATES, PREDICTED} <= found.keys():
+        more_rows, named = predicted(*(found[name]["refined"] for name in (CALIBRATES, PREDICTED)))
+        table, figures = table + more_rows, figures | named
     drawing = partial(draw, along) if along else None
-    return Report(summarised(rows) | figures, [rounded(row) for row in rows] + along, drawing)
+    return Report(summarised(rows) | figures, table + along, drawing)
+
+
+def predicted(lower: Slid, upper: Slid) -> tuple[list[dict[str, Any]], dict[str, float]]:
+    """Rows of the upper dam once the slide of the lower one is known, and named figures; none without slides."""
+    if not lower.weight.size or not upper.weight.size:
+        return [], {}
+    factor_cov = max(field.factor_cov for field in scene_of(CALIBRATES, quick=False).random.values())
+    posterior, figures = calibrated(lower, upper, KNOWN[CALIBRATES].surveys, factor_cov)
+    rows = compared(PREDICTED, KNOWN[PREDICTED], {"rough": Slid({}, np.zeros(0)), "refined": posterior})
+    return [rounded(replace(row, slide=f"{row.slide}, lower dam known")) for row in rows], figures
 
 
 def rounded(row: Compared) -> dict[str, str | float | None]:

@@ -17,13 +17,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import NormalDist
 
+import numpy as np
+
 from benchmarks.measure import ROOT
 
 MISS = 0.1
 """Share of values that an interval leaves out."""
 
-WIDEST = 3.0
-"""Ratio of its ends from which on an interval does not count."""
+POINTS = 201
+"""Values of a surveyed range over which a score is averaged."""
 
 BAND = math.sqrt((47 * 0.253**2 + 69 * 0.435**2 + 71 * 0.386**2 + 17 * 0.512**2) / 204)
 """Half width of Corominas's 95 % band in log10(H / L)."""
@@ -37,6 +39,8 @@ class Survey:
         low: least of its surveyed range, in m or, in a section, m2.
         high: largest.
         checked: whether a source was at hand that has it. What is derived from another assumption is not.
+        scored: whether it counts. What was given, what is another quantity once more, what is of no section, and what
+            depends on a number that nobody published does not; the note says which.
         published: what codes got, by their name.
         note: what it is, in words.
     """
@@ -44,6 +48,7 @@ class Survey:
     low: float
     high: float
     checked: bool = True
+    scored: bool = True
     published: Mapping[str, float] = field(default_factory=dict)
     note: str = ""
 
@@ -51,6 +56,11 @@ class Survey:
     def value(self) -> float:
         """Middle of the range."""
         return (self.low + self.high) / 2
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values over the range (n,)."""
+        return np.linspace(self.low, self.high, POINTS)
 
 
 @dataclass(frozen=True)
@@ -92,25 +102,36 @@ def _known() -> Mapping[str, Known]:
 KNOWN = _known()
 
 
-def interval_score(low: float, high: float, value: float, miss: float = MISS) -> float:
-    """Interval score over the value: width, and 2 / miss times what it is missed by.
+def interval_score(low: float, high: float, survey: Survey, miss: float = MISS) -> float:
+    """Interval score over the surveyed value: width, and 2 / miss times what it is missed by.
 
-    Gneiting and Raftery (2007), Journal of the American Statistical Association 102, 359-378, Section 6.2. Divided by
-    the value, so that metres of one slide and of another can be averaged.
+    Gneiting and Raftery (2007), 10.1198/016214506000001437, Section 6.2. It is the mean over the surveyed range, and
+    divided by the middle of that, so that metres of one slide and of another can be averaged.
 
     Args:
         low: end of the interval.
         high: the other.
-        value: that came true, above 0, in the same unit.
+        survey: what came true, above 0, in the same unit.
         miss: share that the interval leaves out.
     """
-    missed = max(low - value, 0.0) + max(value - high, 0.0)
-    return (high - low + 2 / miss * missed) / value
+    missed = np.maximum(low - survey.values, 0.0) + np.maximum(survey.values - high, 0.0)
+    return float((high - low + 2 / miss * missed.mean()) / survey.value)
 
 
-def holds(low: float, high: float, value: float) -> bool:
-    """Whether an interval holds a value and is narrow enough to count."""
-    return low <= value <= high and high <= WIDEST * low
+def crps(slides: np.ndarray, weight: np.ndarray, survey: Survey) -> float:
+    """Continuous ranked probability score over the surveyed value, likewise: that of the slides, all in one number.
+
+    E|X - y| - E|X - X'| / 2, Gneiting and Raftery (2007), Section 4.2.
+
+    Args:
+        slides: the quantity of each slide (n,).
+        weight: what each stands for (n,).
+        survey: what came true, in the same unit.
+    """
+    share = weight / weight.sum()
+    missed = share @ np.abs(slides[:, None] - survey.values).mean(axis=1)
+    spread = share @ np.abs(slides[:, None] - slides) @ share
+    return float((missed - spread / 2) / survey.value)
 
 
 def corominas(fall: float, volume: float, miss: float = MISS) -> tuple[float, float, float]:
