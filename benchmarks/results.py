@@ -45,6 +45,7 @@ SHORT = {
     "rest": "settings",
     "opened_soil": "settings",
     "averaged_friction": "settings",
+    "sensitive_clay": "settings",
     "early": "settings",
     "leave_out": "speed",
     "fields": "accuracy",

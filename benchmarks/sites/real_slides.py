@@ -152,16 +152,21 @@ def slides(name: str, folder: Path) -> dict[str, Slid]:
         samples = [read_sample(results.store, grid, numbers[at]) for at in np.flatnonzero(slid)]
         each = measured(campaign, grid, KNOWN[name].crest, samples) if samples else []
         quantities = {quantity: np.array([one[quantity] for one in each]) for quantity in (each[0] if each else ())}
-        quantities |= shared_factor(soil, campaign, coefficients[np.asarray(numbers)[slid]])
+        quantities |= shared_factor(soil, campaign, coefficients[np.asarray(numbers, int)[slid]])
         answer[grid] = Slid(quantities, weight[slid])
     return answer
+
+
+def counted(failures: Mapping[str, Slid]) -> str:
+    """The grid whose failures count: the rough one where there is no refined slide yet."""
+    return "refined" if failures["refined"].weight.size else "rough"
 
 
 def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Compared]:
     """A row for each surveyed quantity of a slide."""
     rows = []
     for quantity, survey in known.surveys.items():
-        grid = "refined" if failures["refined"].weight.size else "rough"
+        grid = counted(failures)
         low, median, high = failures[grid].ends(quantity)
         rough_low, _, rough_high = failures["rough"].ends(quantity)
         near, likely, far = None, None, None
@@ -274,19 +279,21 @@ def run(quick: bool, only: Sequence[str] = ("",)) -> Report:
                 along, figures = along + more, figures | named
     table = [rounded(row) for row in rows]
     if {CALIBRATES, PREDICTED} <= found.keys():
-        more_rows, named = predicted(*(found[name]["refined"] for name in (CALIBRATES, PREDICTED)))
+        more_rows, named = predicted(found[CALIBRATES], found[PREDICTED])
         table, figures = table + more_rows, figures | named
     drawing = partial(draw, along) if along else None
     return Report(summarised(rows) | figures, table + along, drawing)
 
 
-def predicted(lower: Slid, upper: Slid) -> tuple[list[dict[str, Any]], dict[str, float]]:
+def predicted(lower: Mapping[str, Slid], upper: Mapping[str, Slid]) -> tuple[list[dict[str, Any]], dict[str, float]]:
     """Rows of the upper dam once the slide of the lower one is known, and named figures; none without slides."""
-    if not lower.weight.size or not upper.weight.size:
+    grid = counted(upper)
+    first, second = lower[counted(lower)], upper[grid]
+    if not first.weight.size or not second.weight.size:
         return [], {}
     factor_cov = max(field.factor_cov for field in scene_of(CALIBRATES, quick=False).random.values())
-    posterior, figures = calibrated(lower, upper, KNOWN[CALIBRATES].surveys, factor_cov)
-    rows = compared(PREDICTED, KNOWN[PREDICTED], {"rough": Slid({}, np.zeros(0)), "refined": posterior})
+    known, figures = calibrated(first, second, KNOWN[CALIBRATES].surveys, factor_cov)
+    rows = compared(PREDICTED, KNOWN[PREDICTED], {**upper, grid: known})
     return [rounded(replace(row, slide=f"{row.slide}, lower dam known")) for row in rows], figures
 
 

@@ -1,0 +1,19 @@
+"""Each row of the clays is of the scene's soil with what that clay has, the first without any of it."""
+
+from benchmarks.settings import sensitive_clay
+
+
+def test_each_row_is_of_the_soil_with_what_its_clay_has(monkeypatch, tmp_path):
+    asked = []
+
+    def slid(campaign, grid):
+        soil = campaign.soil
+        asked.append((soil.rate_coefficient, soil.strain_95, soil.viscosity, grid))
+        return {**dict.fromkeys(sensitive_clay.COUNTED, 1.0), "runout_m": 30.0 - (soil.viscosity or 0.0) / 100}
+
+    monkeypatch.setattr(sensitive_clay, "slid", slid)
+    monkeypatch.setattr(sensitive_clay, "ROOT", tmp_path)
+    values = sensitive_clay.run(quick=False).values
+    clays = [(None, 0.6, None), (0.1, 0.6, None), (None, 10.0, None), (None, 0.6, 2.5), (None, 0.6, 400.0)]
+    assert asked == [(*clay, grid) for clay in clays for grid in ("rough", "refined")]
+    assert (values["as_published_runout_m"], values["viscosity_of_400_Pa_s_runout_m"]) == (30.0, 26.0)
