@@ -10,13 +10,13 @@ import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.grid import Particles
-from jaxmpm.laws._base import Kind, Law
+from jaxmpm.laws._base import Law
 from jaxmpm.laws._parameter import Parameter
 from jaxmpm.laws._softening import ExponentialSoftening, LossInTime, RateEffect, Softening
 from jaxmpm.protocols import Component, Tensor
@@ -201,7 +201,7 @@ class J2(Law):
 
 
 @singledispatch
-def at_time(law: Kind, time: Array) -> Kind:
+def at_time(law: Any, time: Array) -> Any:
     """The law with the strength that it has at a time; laws that lose none over time are unchanged.
 
     Args:
