@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.sites import real_assumptions
-from benchmarks.sites.real_calibrated import calibrated
+from benchmarks.sites.real_calibrated import calibrated, shared_factor
 from benchmarks.sites.real_slides import SCENES, Slid, compared, summarised
 from benchmarks.sites.real_surveys import BAND, KNOWN, Known, Survey, corominas, crps, interval_score
+from cooperative.runs import random_soil
 from cooperative.scene import parse, read_scene
 
 ASSUMED = json.loads((SCENES / "assumptions.json").read_text())
@@ -51,6 +52,19 @@ def test_what_is_not_scored_has_an_interval_and_no_score():
     assert summarised([row])["quantities"] == 0
     for slide in KNOWN.values():
         assert all(survey.scored or survey.note for survey in slide.surveys.values())
+
+
+def test_the_shared_factor_of_a_sample_is_that_of_all_its_zones():
+    campaign = parse(read_scene(SCENES / "upper_san_fernando_1971.toml"))
+    soil = random_soil(campaign)
+    samples = np.zeros((2, soil.modes))
+    field, plain = campaign.random["residual_ratio"], np.zeros(soil.modes)
+    moves = [float(soil.factor(field, one)) != float(soil.factor(field, plain)) for one in np.eye(soil.modes)]
+    (at,) = np.flatnonzero(moves)
+    samples[1, at] = 1.0
+    spread = np.sqrt(np.log1p(0.25**2))
+    expected = np.exp(spread * np.array([0, 1]) - spread**2 / 2)
+    np.testing.assert_allclose(shared_factor(soil, campaign, samples)["shared_factor"], expected, rtol=1e-5)
 
 
 def test_a_slide_corrects_the_factor_that_both_dams_share():
