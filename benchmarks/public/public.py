@@ -1,7 +1,7 @@
 """Answers of other codes, of experiments and of closed forms beside ours, with what each took.
 
-The data stand in a folder that `--data` or JAXMPM_PUBLIC names, one folder a case; docs/trust.md says where their
-sources are. `difference` is ours over theirs less 1, unless the row has a unit. Rows that have been made stand in
+The data stand in a folder that `--data` or JAXMPM_PUBLIC names, one folder a case; docs/notes/verification.md names
+their sources. `difference` is ours over theirs less 1, unless the row has a unit. Rows that have been made stand in
 out/public, and a command that was stopped goes on behind them. `--only NAMES` makes rows of the cases whose name begins
 so; of others that have not been made the row says "not run".
 """
