@@ -157,7 +157,7 @@ class Settle(Rule):
         return np.zeros(2)
 
     def measure(self, scene: Scene, state: State) -> tuple[Array, Array, Array | None, Array | None]:
-        """Speed (m/s), displacement, with `slides` mean displacement of the slide (m), end of a loss of strength (s)."""
+        """Speed (m/s), displacement and, with `slides`, that of the slide (m); end of a loss of strength (s)."""
         slid = None if self.slides is None else diagnostics.slide_displacement(scene, state, self.slides)
         farthest, weakens = farthest_of(scene, state, self.least_volume), weakens_until(scene.material)
         return diagnostics.speed(scene, state), farthest, slid, weakens

@@ -78,8 +78,8 @@ class Soil:
         strength_minimum: least strength with a strength_ratio (Pa).
         viscosity: Bingham's plastic viscosity (Pa s): soil that flows resists with its strength plus this times the
             rate of engineering plastic shear strain. None for none.
-        loss_time: instead of softening, time from the start of a run (s) over which the strength falls to residual_ratio
-            of itself, whatever the strain; None for no such loss.
+        loss_time: instead of softening, time from the start of a run (s) over which the strength falls to
+            residual_ratio of itself, whatever the strain; None for no such loss.
     """
 
     unit_weight: float = 20e3

@@ -1,4 +1,4 @@
-"""Undrained strength that is lost over time: the law, a layer on a slope that begins to flow, and what it leaves alone."""
+"""Undrained strength that is lost over time: the law, its zones, and a layer on a plane that begins to flow."""
 
 from dataclasses import replace
 
