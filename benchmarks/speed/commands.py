@@ -3,9 +3,9 @@
 `python -m benchmarks commands [--quick]` gives medians of three; `fos --quick` takes each slope once. `help_s`,
 `site_s` and `slide_section_s` are seconds, those with `cpu` user and system seconds of the process and its threads,
 imports among them. `speak_s_max` is the time to the first word at a terminal. The section is that of `jaxmpm new
---kind section`; `check_first_cpu_s` is the first check on a machine, which compiles. `site` gets two soundings of
-1,000 readings, made up with the seed SEED. `fos --quick` gets the slopes of `stability_of_slopes` as scenes, each
-with its loads."""
+--kind section`; `check_first_cpu_s` is the first check on a machine, which compiles its programs and the bytecode of
+Python's files. `site` gets two soundings of 1,000 readings, made up with the seed SEED. `fos --quick` gets the slopes
+of `stability_of_slopes` as scenes, each with its loads."""
 
 from __future__ import annotations
 
@@ -44,6 +44,16 @@ class Wait(NamedTuple):
 
     seconds: float
     cpu: float
+
+
+def kept_in(folder: Path) -> dict[str, str]:
+    """The environment of a user whose first command keeps compiled programs and bytecode, in a folder of their own."""
+    given = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return {
+        **given,
+        "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"),
+        "PYTHONPYCACHEPREFIX": str(folder / "bytecode"),
+    }
 
 
 def wait(arguments: Sequence[str | Path], environment: Mapping[str, str]) -> Wait:
@@ -151,7 +161,7 @@ def run(quick: bool) -> Report:
     repeats, known = (1, cases()[:2]) if quick else (REPEATS, cases())
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled")}
+        environment = kept_in(folder)
         section = folder / "section.toml"
         section.write_text(starters()["section"].read_text())
         rows: list[dict[str, Any]] = []
