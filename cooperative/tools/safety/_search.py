@@ -96,7 +96,7 @@ class _Trials:
         surfaces: Callable[[np.ndarray, Slices], tuple[Surfaces, np.ndarray]],
     ) -> np.ndarray:
         self.count += len(numbers)
-        cut = replace(self.slices, slices=slices)
+        cut = self.slices if slices == self.slices.slices else replace(self.slices, slices=slices)
         made, there = surfaces(numbers, cut)
         return np.where(there, cut.factors(_only(made, there), method), math.inf)
 
@@ -172,7 +172,7 @@ def first_circles(slices: Slices) -> np.ndarray:
     Returns:
         Ends along the ground (m) and sag of each (n, 3).
     """
-    ends, along = _ends(slices), _arc(slices)
+    ends, along = _ends(slices), slices.along
     height = np.interp(ends, along, slices.heights[0])
     first, last = np.triu_indices(ENDS, 1)
     pairs = np.abs(height[first] - height[last]) > RISE * slices.relief
@@ -266,20 +266,14 @@ def _descend(factors: Factors, starts: np.ndarray, steps: np.ndarray, seed: int 
     return at, least
 
 
-def _arc(slices: Slices) -> np.ndarray:
-    """Distance (n,) m along the ground of the points of the section's lines."""
-    return np.r_[0, np.cumsum(np.hypot(np.diff(slices.x), np.diff(slices.heights[0])))]
-
-
 def _on_ground(slices: Slices, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """X and z (...) m of points so far along the ground (...) m."""
-    arc = _arc(slices)
-    return np.interp(along, arc, slices.x), np.interp(along, arc, slices.heights[0])
+    return np.interp(along, slices.along, slices.x), np.interp(along, slices.along, slices.heights[0])
 
 
 def _ends(slices: Slices) -> np.ndarray:
     """Points (n,) m along the ground, denser where it falls, and on the level ground beside."""
-    arc = _arc(slices)
+    arc = slices.along
     along = np.linspace(0, arc[-1], 4001)
     x, z = _on_ground(slices, along)
     steep = np.abs(np.diff(z)) / np.diff(along)
@@ -299,7 +293,7 @@ def _circles(slices: Slices, numbers: np.ndarray) -> tuple[Surfaces, np.ndarray,
     """
     (first, last), sag = numbers[:, :2].T, np.clip(numbers[:, 2], 1e-3, 0.9)
     (x0, z0), (x1, z1) = _on_ground(slices, first), _on_ground(slices, last)
-    arc = _arc(slices)[-1]
+    arc = slices.along[-1]
     there = (first >= 0) & (last <= arc) & (x1 > x0 + ROUNDING_OF_ENDS) & (numbers[:, 2] > 0.01) & (numbers[:, 2] < 0.9)
     x1 = np.maximum(x1, x0 + ROUNDING_OF_ENDS)
     length = np.hypot(x1 - x0, z1 - z0)
@@ -408,7 +402,7 @@ def _any_shape(trials: _Trials, start: np.ndarray) -> Slip | None:
     The ends move along the ground, the vertices between them both ways, and no surface goes below the floor.
     """
     slices = trials.slices
-    arc, span = _arc(slices), start[-1, 0] - start[0, 0]
+    arc, span = slices.along, start[-1, 0] - start[0, 0]
     ends = np.interp(start[[0, -1], 0], slices.x, arc)
     numbers = np.concatenate([ends, start[1:-1, 1], (start[1:-1, 0] - start[0, 0]) / span])
     heights = np.full(len(start), 0.06 * slices.relief)
@@ -428,7 +422,7 @@ def _shapes(slices: Slices, numbers: np.ndarray) -> tuple[Surfaces, np.ndarray]:
     """
     inner = numbers.shape[1] // 2 - 1
     (x0, z0), (x1, z1) = _on_ground(slices, numbers[:, 0]), _on_ground(slices, numbers[:, 1])
-    there = (numbers[:, 0] >= 0) & (numbers[:, 1] <= _arc(slices)[-1]) & (x1 > x0 + ROUNDING_OF_ENDS)
+    there = (numbers[:, 0] >= 0) & (numbers[:, 1] <= slices.along[-1]) & (x1 > x0 + ROUNDING_OF_ENDS)
     shares = numbers[:, 2 + inner :]
     there &= (np.diff(shares, axis=1, prepend=0, append=1) > LEAST_PART).all(axis=1)
     shares = np.where(there[:, None], shares, np.linspace(0, 1, inner + 2)[1:-1])

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal, TypedDict, Unpack
 
@@ -219,7 +220,22 @@ class _Bodies:
 
     def of(self, which: np.ndarray) -> _Bodies:
         """Those of some surfaces."""
-        return _Bodies(**{name: value[which] for name, value in vars(self).items()})
+        return _Bodies(**{each.name: getattr(self, each.name)[which] for each in fields(self)})
+
+    @cached_property
+    def pressed(self) -> np.ndarray:
+        """Effective force on each base across it, without shear between slices (N/m)."""
+        return self.down * self.cosine - self.along * self.sine - self.buoyant
+
+    @cached_property
+    def driving(self) -> np.ndarray:
+        """Force along each base, downwards (N/m)."""
+        return self.down * self.sine + self.along * self.cosine
+
+    @cached_property
+    def strength(self) -> np.ndarray:
+        """Resistance of each base so pressed (N/m)."""
+        return self.cohesion + self.pressed * self.tangent
 
     def stretched(self, factors: np.ndarray) -> np.ndarray:
         """Share (surfaces,) of each surface whose base is in tension, without shear between slices."""
@@ -328,6 +344,12 @@ class Slices:
             kinks=_kinks(lines, float(np.ptp(heights[0]))),
             moving=conditions.get("moving"),
         )  # fmt: skip
+
+    @cached_property
+    def along(self) -> np.ndarray:
+        """Distance along the ground of the points of the lines (n,) m."""
+        steps = np.hypot(np.diff(self.x), np.diff(self.heights[0]))
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
     @property
     def relief(self) -> float:
@@ -652,35 +674,39 @@ def _between(
     inverse: of the factors (surfaces, 1). angle: of the forces, downwards (surfaces, 1). Returns the resultants, their
     derivatives by both, the divisor of each, and the effective normal force at each base (N/m).
     """
-    sine = bodies.sine * np.cos(angle) - bodies.cosine * np.sin(angle)
-    cosine = bodies.cosine * np.cos(angle) + bodies.sine * np.sin(angle)
-    pressed = bodies.down * bodies.cosine - bodies.along * bodies.sine - bodies.buoyant
-    strength = bodies.cohesion + pressed * bodies.tangent
-    divisor = cosine + sine * bodies.tangent * inverse
-    force = (strength * inverse - bodies.down * bodies.sine - bodies.along * bodies.cosine) / divisor
-    by_inverse = (strength - force * sine * bodies.tangent) / divisor
-    by_angle = -force * (sine - cosine * bodies.tangent * inverse) / divisor
-    return force, by_inverse, by_angle, divisor, pressed - force * sine
+    across, along = np.cos(angle), np.sin(angle)
+    sine = bodies.sine * across - bodies.cosine * along
+    cosine = bodies.cosine * across + bodies.sine * along
+    rough = bodies.tangent * inverse
+    divisor = cosine + sine * rough
+    force = (bodies.strength * inverse - bodies.driving) / divisor
+    drawn = force * sine
+    by_inverse = (bodies.strength - drawn * bodies.tangent) / divisor
+    by_angle = force * (cosine * rough - sine) / divisor
+    return force, by_inverse, by_angle, divisor, bodies.pressed - drawn
 
 
-def _level(bodies: _Bodies, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse factors (surfaces, 1) with which horizontal forces balance, and whether that is so (surfaces,)."""
+def _level(bodies: _Bodies) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse factors (surfaces, 1) with which level forces between slices balance, and whether that is so."""
     inverse, change = np.full((len(bodies.valid), 1), 0.7), np.full((len(bodies.valid), 1), np.inf)
+    friction = bodies.sine * bodies.tangent
     for _ in range(ROUNDS):
-        force, by_inverse, *_ = _between(bodies, inverse, angle)
+        divisor = bodies.cosine + friction * inverse
+        force = (bodies.strength * inverse - bodies.driving) / divisor
+        by_inverse = (bodies.strength - force * friction) / divisor
         new = inverse - force.sum(axis=1, keepdims=True) / by_inverse.sum(axis=1, keepdims=True)
         new = np.clip(np.where(np.isfinite(new), new, inverse), inverse / 3, inverse * 3)
         change, inverse = np.abs(new / inverse - 1), new
         if not (change > CONVERGED).any():
             break
-    divisor, normal = _between(bodies, inverse, angle)[3:]
+    divisor, normal = _between(bodies, inverse, np.zeros_like(inverse))[3:]
     turned = np.where(bodies.length > 0, divisor, 1).min(axis=1) < LEAST_ARM
     return inverse, (change[:, 0] < CONVERGED) & ~turned & ~bodies.in_tension(normal)
 
 
 def _janbu(bodies: _Bodies) -> np.ndarray:
     """Janbu's simplified method with his correction: horizontal forces balance, and those between slices are level."""
-    inverse, solved = _level(bodies, np.zeros((len(bodies.valid), 1)))
+    inverse, solved = _level(bodies)
     cohesive, frictional = (bodies.cohesion > 0).any(axis=1), (bodies.tangent > 0).any(axis=1)
     share = np.where(cohesive & frictional, 0.5, np.where(cohesive, 0.69, 0.31))
     span = (bodies.length * bodies.cosine).sum(axis=1)
@@ -695,7 +721,7 @@ def _janbu(bodies: _Bodies) -> np.ndarray:
 
 def _spencer(bodies: _Bodies) -> np.ndarray:
     """Spencer's method: forces and moments balance, and the forces between slices have one inclination."""
-    level, _ = _level(bodies, np.zeros((len(bodies.valid), 1)))
+    level, _ = _level(bodies)
     factors = np.full(len(bodies.valid), math.inf)
     left = np.arange(len(bodies.valid))
     for start in STARTS:
