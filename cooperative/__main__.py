@@ -56,6 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"jaxmpm {args.command}: loading ...", file=sys.stderr, flush=True)
         for module in _commands.LIBRARIES.get(args.command, ()):
             import_module(module)
+        gc.freeze()  # nor does looking through it again, later, free anything
     finally:
         if collects:
             gc.enable()

@@ -14,9 +14,9 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
 from jax.typing import ArrayLike
-from scipy.special import ndtri
 
 from kl._checks import require
 from kl.marginal import from_both_tails
@@ -130,4 +130,4 @@ def sobol(key: Array, n_samples: int, n_modes: int, *, rows: Rows | None = None)
     # Padding to a power of 2 does not change the sequence: its first n points are the same.
     points = engine.random_base2(max(0, int(n_samples - 1).bit_length()))[numbers]
     centred = points + 0.5 ** (_SOBOL_BITS + 1)
-    return jnp.asarray(ndtri(centred), _DRAWN).astype(jnp.result_type(float))
+    return jnp.asarray(scipy.special.ndtri(centred), _DRAWN).astype(jnp.result_type(float))

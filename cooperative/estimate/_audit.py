@@ -40,7 +40,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import pdtrc
+import scipy
 
 from cooperative.estimate._protocol import Answers, Population
 from cooperative.estimate._ranking import next_refined, stopping_rank
@@ -115,7 +115,7 @@ class Surprise:
     @property
     def misled(self) -> bool:
         """Whether more failed than the ranks allow for."""
-        return bool(self.failed and pdtrc(self.failed - 1, self.expected) < RARELY)
+        return bool(self.failed and scipy.special.pdtrc(self.failed - 1, self.expected) < RARELY)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betainccinv, betaincinv, ndtri, stdtrit
+import scipy
 
 FEWEST = 5
 """Effective number of samples from which on a mean has an interval: fewer show too little of their scatter."""
@@ -243,14 +243,14 @@ def count_interval(
         return 1 - exact_limit(samples, level), 1.0
     tail = 0.5 - level / 2
     if 0 < failed < RARE:
-        low = min(low, float(betaincinv(failed, failed / proportion - failed + 1, tail)))
+        low = min(low, float(scipy.special.betaincinv(failed, failed / proportion - failed + 1, tail)))
     if 0 < stand < RARE:
-        high = max(high, float(betainccinv(stand / (1 - proportion) - stand + 1, stand, tail)))
+        high = max(high, float(scipy.special.betainccinv(stand / (1 - proportion) - stand + 1, stand, tail)))
     # The seen ones are failures for certain, whatever the estimate makes of their weights.
     if 0 < seen[0] < RARE and among < np.inf:
-        low = min(max(low, float(betaincinv(seen[0], among - seen[0] + 1, tail))), proportion)
+        low = min(max(low, float(scipy.special.betaincinv(seen[0], among - seen[0] + 1, tail))), proportion)
     if 0 < seen[1] < RARE and among < np.inf:
-        high = max(min(high, float(betainccinv(among - seen[1] + 1, seen[1], tail))), proportion)
+        high = max(min(high, float(scipy.special.betainccinv(among - seen[1] + 1, seen[1], tail))), proportion)
     return low, high
 
 
@@ -284,7 +284,11 @@ def lognormal_limits(mean: float, cov: float, freedom: float, level: float) -> t
 def quantile(level: float, freedom: np.ndarray) -> np.ndarray:
     """Of Student's t, the normal one for infinite degrees of freedom."""
     endless = np.isinf(freedom)
-    return np.where(endless, ndtri(0.5 + level / 2), stdtrit(np.where(endless, 1e9, freedom), 0.5 + level / 2))
+    return np.where(
+        endless,
+        scipy.special.ndtri(0.5 + level / 2),
+        scipy.special.stdtrit(np.where(endless, 1e9, freedom), 0.5 + level / 2),
+    )
 
 
 def effective_size(weight: np.ndarray) -> float:
@@ -367,5 +371,5 @@ def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95
     parts = (normalised * (values / mean - 1) / np.maximum(1 - normalised, MOST_LEVERAGE)) ** 2
     variance = float(parts.sum())
     freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
-    half = float(stdtrit(freedom, 0.5 + level / 2)) * np.sqrt(variance)
+    half = float(scipy.special.stdtrit(freedom, 0.5 + level / 2)) * np.sqrt(variance)
     return mean * float(np.exp(-half)), mean * float(np.exp(half))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit, ndtri
+import scipy
 
 from cooperative.estimate._protocol import Population
 from cooperative.estimate._ranking import rank_samples
@@ -23,7 +23,7 @@ def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[
     x = score - centre
     a, b = 0.0, 4.0
     for _ in range(50):
-        p = expit(a + b * x)
+        p = scipy.special.expit(a + b * x)
         off, weight = failed - p, p * (1 - p)
         # Gradient and curvature of the two coefficients: the system is solved by Cramer's rule.
         of_a, of_b = float(off.sum()) - a / 9, float(off @ x) - (b - 4.0) / 4
@@ -40,7 +40,7 @@ def fit_logistic(score: np.ndarray, failed: np.ndarray, centre: float) -> tuple[
 
 def predict_logistic(coefficients: tuple[float, float], score: np.ndarray, centre: float) -> np.ndarray:
     """Probability of failure at each score, at least 1e-30, below what any rank far out is worth, at most 1 - 1e-9."""
-    return np.clip(expit(coefficients[0] + coefficients[1] * (score - centre)), 1e-30, 1 - 1e-9)
+    return np.clip(scipy.special.expit(coefficients[0] + coefficients[1] * (score - centre)), 1e-30, 1 - 1e-9)
 
 
 TAIL = 0.6
@@ -58,7 +58,7 @@ def score_of(share: np.ndarray, *, rare: bool = False) -> np.ndarray:
         share: that ranks above (...), above 0.
         rare: whether ranks far out matter, those of subset simulation.
     """
-    return -TAIL * np.log(share) if rare else -ndtri(share)
+    return -TAIL * np.log(share) if rare else -scipy.special.ndtri(share)
 
 
 def normal_scores(weight: np.ndarray, *, rare: bool = False) -> np.ndarray:

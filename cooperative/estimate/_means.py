@@ -22,7 +22,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from cooperative.estimate._estimates import (
     LEAST_FREEDOM,
@@ -189,7 +189,7 @@ def _share_limits(normalised: np.ndarray, does: np.ndarray, level: float) -> tup
     ratio = np.where(every, 1.0, np.minimum(normalised @ does, 1.0))
     low, _ = _limits_of_ratio(ratio, ratio, normalised, does, level)
     # Of what all slides did, the standard deviation by Jeffreys' prior.
-    apart = ndtri(0.5 + level / 2) * float(normalised @ normalised) / math.sqrt(2)
+    apart = scipy.special.ndtri(0.5 + level / 2) * float(normalised @ normalised) / math.sqrt(2)
     low = np.where(every, max(1 - float(apart), 0.0), low)
     whole = 1 + normalised.max()
     with_one_more = np.append(normalised, normalised.max()) / whole, np.vstack([does, np.ones(does.shape[1])])

@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy
 
 from cooperative.estimate._audit import Wave
 from cooperative.estimate._chains import Chains
@@ -122,7 +122,7 @@ def zone_limit(chance: np.ndarray, zones: Sequence[Zone], *, unanswered: int = 0
         weight = max(zone.weight for zone in level_of)
         rate = -float(np.expm1(-rate * weight)) / weight
         level_of = [zone.earlier for zone in level_of if zone.earlier is not None]
-    misses = -np.expm1(-float(gammaincinv(unanswered + 1, level)) / samples)
+    misses = -np.expm1(-float(scipy.special.gammaincinv(unanswered + 1, level)) / samples)
     return min(misses / -float(np.expm1(-rate / samples)), 1.0)
 
 

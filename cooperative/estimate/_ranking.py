@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from cooperative.estimate._estimates import effective_size
 
@@ -158,7 +158,7 @@ def correlation(
     ranks = _ranks(rough, weight), _ranks(refined, weight)
     spearman = min(max(_pearson(*ranks, weight), -1.0), 1.0)
     size = max(effective_size(weight), 3.5)
-    half = float(ndtri(0.5 + level / 2) * np.sqrt((1 + spearman**2 / 2) / (size - 3)))
+    half = float(scipy.special.ndtri(0.5 + level / 2) * np.sqrt((1 + spearman**2 / 2) / (size - 3)))
     middle = np.arctanh(min(max(spearman, -1 + 1e-12), 1 - 1e-12))
     fails = (rough > failure_displacement).astype(float), (refined > failure_displacement).astype(float)
     both = np.ptp(fails[0]) > 0 and np.ptp(fails[1]) > 0

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
 from jax.typing import ArrayLike
-from scipy.special import gammaincinv, ndtri
 
 from kl._checks import positive, pytree, require
 from kl.field._bedding import Bedding, rotation_matrix
@@ -140,12 +140,12 @@ def isotropic(
 
     uniform = qmc.Sobol(dimension + 1, seed=seed).random(waves)
     uniform = np.clip(uniform, 1e-12, 1 - 1e-12)
-    normal = ndtri(uniform[:, :dimension]).T
+    normal = scipy.special.ndtri(uniform[:, :dimension]).T
     if math.isinf(smoothness):
         scale = np.full(waves, math.sqrt(2))
     else:
         # A chi-squared variable of 2 nu degrees of freedom over their number.
-        scale = 1 / np.sqrt(gammaincinv(smoothness, uniform[:, -1]) / smoothness)
+        scale = 1 / np.sqrt(scipy.special.gammaincinv(smoothness, uniform[:, -1]) / smoothness)
     wavenumbers = normal * scale / np.asarray(lengths, float)[:, None]
     if bedding is not None:
         wavenumbers = rotation_matrix(bedding, dimension).T @ wavenumbers

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
 from jax.typing import ArrayLike
-from scipy.special import factorial
 
 from kl._checks import require
 from kl.axis import Corrected, Covariance, gaussian_correlation, transformed_correlation
@@ -41,7 +41,7 @@ def hermite_coefficients(marginal: Marginal) -> Array:
     keep = weights > 1e-30
     points, weights = points[keep], weights[keep] / weights.sum()
     degrees = np.arange(1, _TERMS + 1)
-    basis = np.polynomial.hermite_e.hermevander(points, _TERMS)[:, 1:] / np.sqrt(factorial(degrees))
+    basis = np.polynomial.hermite_e.hermevander(points, _TERMS)[:, 1:] / np.sqrt(scipy.special.factorial(degrees))
     coefficients = jnp.asarray(basis.T * weights) @ marginal.transform(jnp.asarray(points))
     return coefficients / jnp.linalg.norm(coefficients)
 
