@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import model_validator as validates
+from pydantic.config import JsonDict
+from pydantic_core import ArgsKwargs
 
 from cooperative.scene.tables._key import (
     Flag,
@@ -60,8 +62,6 @@ REQUIRED = {kind: tuple(part.name for part in fields(kind) if part.default is MI
     Soil: ("strength", "strength_ratio")
 }
 """Those of its strength, which a kind of soil does not do without: all, of undrained soil one."""
-ELASTIC = ("unit_weight", "young", "poisson")
-"""Those of every kind that has them."""
 OF_ALL_LAYERS = ("boreholes", "borehole_error", "mean_error", "cov_error", "factor_cov")
 """Of a random field: measured values, and errors of estimates, which a layer does not take from another field."""
 OF_A_FIELD = ("length", "correlation", "form", "energy", "bedding", "nataf", *OF_ALL_LAYERS)
@@ -87,6 +87,8 @@ class SoilTable(Part):
     A number that looks like kPa or kN/m3 is refused, see `unusual`.
     """
 
+    SCHEMA: ClassVar[JsonDict] = {"required": ["unit_weight", "poisson"]}
+
     law: Annotated[type, one_of(LAWS)] | None = key(
         'Constitutive law. Undrained soil has a `strength`; `"mohr-coulomb"` and `"drucker-prager"` have `cohesion` '
         "and `friction`; the others have the keys that name them, see [laws](settings.md#laws-of-a-scene).",
@@ -106,7 +108,7 @@ class SoilTable(Part):
         synonyms="gamma_sat saturated_weight wet_unit_weight",
     )
     young: OrTable[Annotated[float, _of("young")], RandomField] | None = key(
-        "Young's modulus.", 1e8, None, otherwise="none, give it; modified Cam Clay has none",
+        "Young's modulus.", 1e8, otherwise="none, give it; modified Cam Clay has none",
         synonyms="e youngs_modulus young_modulus modulus stiffness",
     )  # fmt: skip
     poisson: OrTable[Annotated[float, _of("poisson")], RandomField] = key(
@@ -273,6 +275,17 @@ class SoilTable(Part):
         False,
     )
 
+    @validates(mode="before")
+    @classmethod
+    def _without_young(cls, values: object) -> object:
+        """Let soil of a law that has no Young's modulus do without its key."""
+        given = values.kwargs if isinstance(values, ArgsKwargs) else values
+        if not isinstance(given, dict):
+            return values
+        kind = kind_of(given)
+        kinds = [kind] if kind else [kind for kind, names in REQUIRED.items() if not given.keys().isdisjoint(names)]
+        return given if all("young" in KEYS[kind] for kind in kinds) else {"young": None, **given}
+
     @property
     def values(self) -> dict[str, Any]:
         """What is given of the soil, by key."""
@@ -315,7 +328,7 @@ class SoilTable(Part):
                     (idle,), None, f"has no effect in {words.get(kind, f'soil of law = {name!r}')}", "leave it out"
                 )
         of_strength = undrained or REQUIRED[kind][:1] if kind is Soil else REQUIRED[kind]
-        missing = [key for key in (*of_strength, *ELASTIC) if key in KEYS[kind] and key not in values]
+        missing = [key for key in of_strength if key not in values]
         if missing:
             goes_with = f", which goes with {frictional[0]}" if len(frictional) == 1 and kind is FrictionalSoil else ""
             raise Invalid((), None, f"lacks {', '.join(missing)}{goes_with}", "add it")

@@ -64,7 +64,7 @@ def test_the_solver_and_the_estimators_have_the_defaults_of_a_scene():
 
 def test_what_a_scene_leaves_out_of_its_soil_is_left_to_the_solver():
     keys = tables.keys(tables.SoilTable)
-    assert {name for name, key in keys.items() if key.is_required()} == {"unit_weight", "poisson"}
+    assert {name for name, key in keys.items() if key.is_required()} == {"unit_weight", "young", "poisson"}
     with pytest.raises(ValueError, match="lacks young: add it"):  # which soil of every law but Cam Clay has
         parse(re.sub(r"young = \S+", "", LEAST))
     assert {name for name, key in keys.items() if not key.is_required() and key.default is not None} == {"unusual"}
