@@ -8,7 +8,6 @@ from cooperative.estimate._estimates import (
     after_more_runs,
     effective_size,
     exact_limit,
-    mean_interval,
     shares,
     wilson_interval,
     with_variance,
@@ -25,7 +24,7 @@ from cooperative.estimate._fits import (
 from cooperative.estimate._formulas import annual, as_answers, control_variate, monte_carlo, published
 from cooperative.estimate._in_time import Bracket, critical_factor, first_guess, in_time, record_lows
 from cooperative.estimate._logistic import prior_chances
-from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_of
+from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_interval, mean_of
 from cooperative.estimate._nested import draw_samples
 from cooperative.estimate._on_chart import fails_under, falling_chain, on_chart
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides

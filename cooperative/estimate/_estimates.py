@@ -339,37 +339,3 @@ def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, lev
         share = min(float(np.sum(weight[members])) / total, 1.0)
         parts[name] = Share(int(members.sum()), share, wilson_interval(share * size, size, level))
     return parts
-
-
-def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95) -> tuple[float, float] | None:
-    """Confidence limits of the weighted mean of positive values.
-
-    The mean is a ratio of two totals, each of samples drawn with unequal chances, which the weights undo. Its variance
-    is that of the linearised ratio for draws with replacement, the sum of the squared residuals times their shares of
-    the weight: without a finite population's correction it holds both phases of draws and the sampling of the
-    population itself (Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Sections 2.9, 5.6 and 9.3).
-    Residuals are over one less their share, since a heavy sample draws the mean to itself (MacKinnon and White 1985,
-    Journal of Econometrics 29, 305-325, DOI 10.1016/0304-4076(85)90158-7). Student's t has the degrees of freedom that
-    the variance has (Satterthwaite 1946, DOI 10.2307/3002019), at least `LEAST_FREEDOM`. On the logarithm: a mean
-    that is too low for want of its longest slides has a variance that is too low as well.
-
-    Args:
-        values: (n,), 0 or more.
-        weight: (n,), above 0.
-        level: confidence level of the interval.
-
-    Returns:
-        The limits, None for effectively fewer values than `FEWEST`, and where all are 0 or alike, which shows nothing
-        of how they scatter.
-    """
-    values, weight = np.asarray(values, float), np.asarray(weight, float)
-    normalised = weight / weight.sum()
-    mean = float(normalised @ values)
-    if too_few(weight) or not mean > 0 or float(np.ptp(values)) <= ALIKE * mean:
-        return None
-    # Relative to the mean, so that no square leaves the range of floating point.
-    parts = (normalised * (values / mean - 1) / np.maximum(1 - normalised, MOST_LEVERAGE)) ** 2
-    variance = float(parts.sum())
-    freedom = max(variance**2 / float(parts @ parts) - 1, LEAST_FREEDOM)
-    half = float(scipy.special.stdtrit(freedom, 0.5 + level / 2)) * np.sqrt(variance)
-    return mean * float(np.exp(-half)), mean * float(np.exp(half))

@@ -25,6 +25,7 @@ import numpy as np
 import scipy
 
 from cooperative.estimate._estimates import (
+    ALIKE,
     LEAST_FREEDOM,
     MOST_LEVERAGE,
     Estimate,
@@ -130,8 +131,8 @@ def mean_of(estimate: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chanc
     Args:
         estimate: as for `chance_of`.
         weight: as for `chance_of`.
-        amount: of each slide (n, ...), 0 or more. The interval is on the logarithm, as that of `mean_interval`; it is 0
-            to nan where the slides are too few for that one, none brings anything, or P_f itself has no variance yet.
+        amount: of each slide (n, ...), 0 or more. The interval is that of `mean_interval` with the variance of P_f; it
+            is 0 to nan where the slides are too few for that one, none brings anything, or P_f has no variance yet.
 
     Raises:
         ValueError: shapes that do not fit and amounts below 0 or not finite.
@@ -142,21 +143,51 @@ def mean_of(estimate: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chanc
     value, low, high = estimate.probability * ratio, np.zeros(ratio.shape), np.full(ratio.shape, np.nan)
     if not too_few(normalised) and np.isfinite(estimate.cov):
         spread, freedom = _of_ratio(normalised, brings, ratio)
-        # What few slides bring scatters as that of as many draws that are all alike at least, and shows too little.
-        concentration = float(normalised @ normalised)
-        least = (
-            np.maximum(normalised @ brings**2 - ratio**2, 0.0) * concentration / max(1 - concentration, MOST_LEVERAGE)
-        )
-        relative, of_pf = np.maximum(spread, least) / np.where(ratio > 0, ratio, np.nan) ** 2, estimate.cov**2
+        relative, of_pf = spread / np.where(ratio > 0, ratio, np.nan) ** 2, estimate.cov**2
         # Degrees of freedom of a sum of independent variances: Satterthwaite (1946).
         square = of_pf**2 / estimate.freedom + relative**2 / freedom
         freedom = np.where(square > 0, (of_pf + relative) ** 2 / np.where(square > 0, square, 1.0), np.inf)
-        half = quantile(estimate.level, np.maximum(freedom, LEAST_FREEDOM)) * np.sqrt(relative + of_pf)
+        half = _half_width(relative + of_pf, freedom, estimate.level)
         low = np.where(ratio > 0, value * np.exp(-half), 0.0)
         # P_f at its lower limit, whatever its variance, which is 0 where all samples fail.
         low = np.minimum(low, estimate.interval[0] * brings.max(axis=0, initial=0.0))
         high = value * np.exp(np.minimum(half, 700.0))
     return Chances(*(values.reshape(shape) for values in (value, low, high, count)))
+
+
+def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95) -> tuple[float, float] | None:
+    """Confidence limits of the weighted mean of positive values.
+
+    The mean is a ratio of two totals, each of samples drawn with unequal chances, which the weights undo. Its variance
+    is that of the linearised ratio for draws with replacement, the sum of the squared residuals times their shares of
+    the weight: without a finite population's correction it holds both phases of draws and the sampling of the
+    population itself (Sarndal, Swensson and Wretman 1992, Model Assisted Survey Sampling, Sections 2.9, 5.6 and 9.3).
+    Residuals are over one less their share, since a heavy sample draws the mean to itself (MacKinnon and White 1985,
+    Journal of Econometrics 29, 305-325, DOI 10.1016/0304-4076(85)90158-7). Student's t has the degrees of freedom that
+    the variance has (Satterthwaite 1946, DOI 10.2307/3002019), at least `LEAST_FREEDOM`. On the logarithm: a mean
+    that is too low for want of its longest slides has a variance that is too low as well.
+
+    Args:
+        values: (n,), 0 or more.
+        weight: (n,), above 0.
+        level: confidence level of the interval.
+
+    Returns:
+        The limits, None for effectively fewer values than `FEWEST`, and where all are 0 or alike, which shows nothing
+        of how they scatter.
+    """
+    normalised, brings, _ = _by_slide(weight, values)
+    mean = float(normalised @ brings[:, 0])
+    if too_few(normalised) or not mean > 0 or float(np.ptp(brings)) <= ALIKE * mean:
+        return None
+    # Relative to the mean, so that no square leaves the range of floating point.
+    half = float(_half_width(*_of_ratio(normalised, brings / mean, np.ones(1)), level)[0])
+    return mean * math.exp(-half), mean * math.exp(half)
+
+
+def _half_width(variance: np.ndarray, freedom: np.ndarray, level: float) -> np.ndarray:
+    """Half of the interval (k,) of the logarithm of means, whose relative variance has so many degrees of freedom."""
+    return quantile(level, np.maximum(freedom, LEAST_FREEDOM)) * np.sqrt(variance)
 
 
 def _by_slide(weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
@@ -202,17 +233,15 @@ def _limits_of_ratio(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wilson's limits of a ratio (k,), of as many independent slides as scatter about `nearer` (k,) as these do."""
     spread, freedom = _of_ratio(normalised, does, nearer)
+    # At least those of as many draws that are all alike.
+    freedom = np.maximum(freedom, max(1 / float(normalised @ normalised) - 1, 1.0))
     some = spread > 0
     slides = np.where(some, nearer * (1 - nearer) / np.where(some, spread, 1.0), np.inf)
     return wilson_limits(ratio, slides, freedom, level)
 
 
 def _of_ratio(normalised: np.ndarray, values: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, as in `mean_interval`.
-
-    The degrees of freedom are at least those of as many draws that are all alike.
-    """
-    parts = (normalised[:, None] * (values - ratio)) ** 2 / np.maximum(1 - normalised, MOST_LEVERAGE)[:, None] ** 2
+    """Variance of weighted means (k,) of values (n, k), and its degrees of freedom, see `mean_interval`."""
+    parts = (normalised[:, None] * (values - ratio) / np.maximum(1 - normalised, MOST_LEVERAGE)[:, None]) ** 2
     variance, squares = parts.sum(axis=0), (parts**2).sum(axis=0)
-    freedom = np.where(squares > 0, variance**2 / np.where(squares > 0, squares, 1.0) - 1, np.inf)
-    return variance, np.maximum(freedom, max(1 / float(normalised @ normalised) - 1, 1.0))
+    return variance, np.where(squares > 0, variance**2 / np.where(squares > 0, squares, 1.0) - 1, np.inf)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import stdtrit
 
 from benchmarks.statistics import estimators_means as means
 from cooperative.estimate import exceedance, mean_interval, mean_of, monte_carlo
@@ -95,11 +94,13 @@ def test_the_variance_of_a_weighted_mean_is_that_of_leaving_each_slide_out(slide
     np.testing.assert_allclose(variance, [np.square(np.array(without) - mean).sum()], rtol=1e-9, atol=1e-9)
 
 
-def test_where_all_samples_fail_a_mean_has_the_degrees_of_freedom_of_its_slides():
-    weight, value = np.random.default_rng(5).uniform(0.2, 1.0, (2, 30))
-    share = weight / weight.sum()
-    mean = share @ value
-    variance, freedom = _of_ratio(share, value[:, None], np.array([mean]))
-    found = mean_of(monte_carlo(np.ones(30, bool)), weight, value)
-    half = stdtrit(freedom, 0.975) * np.sqrt(variance) / mean
-    np.testing.assert_allclose(np.log(found.high / found.value), half, rtol=1e-9)
+@given(st.lists(st.tuples(st.floats(0.5, 1.0), st.floats(0.1, 50.0)), min_size=12, max_size=30).map(np.array))
+def test_where_p_f_is_known_an_expected_value_has_the_limit_of_the_mean_over_slides(slides):
+    weight, value = slides.T
+    interval = mean_interval(value, weight)
+    found = mean_of(monte_carlo(np.ones(len(slides), bool)), weight, value)
+    if interval is None:  # the values are alike
+        assert float(found.high) == pytest.approx(float(found.value))
+    else:
+        np.testing.assert_allclose(found.high, interval[1], rtol=1e-9)
+        assert float(found.low) <= interval[0] * (1 + 1e-9)
