@@ -56,10 +56,10 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
     """
     source = source_of(asked)
     scene = tables.read(tables.SceneTable, source.tables, files=Files.of(source.tables.get("files")))
-    if scene.sweep is not None or scene.scenario is not None:
-        table = "[[scenario]]" if scene.sweep is None else "[sweep]"
-        raise ValueError(f"the scene has a table {table}, so it is many campaigns: run it by `jaxmpm sweep`")
     with tables.in_words(tables.SceneTable, source.tables):
+        if scene.sweep is not None or scene.scenario is not None:
+            table = "[[scenario]]" if scene.sweep is None else "[sweep]"
+            raise Invalid((), None, f"has a table {table}, so it is many campaigns", "run it by `jaxmpm sweep`")
         return _campaign(scene, source, estimator)
 
 
@@ -179,8 +179,9 @@ def with_files(text: str, folder: Path, *, outside: bool) -> Source:
         return source
     files = Files({}, folder, _origin(source.tables), outside)
     scene = tables.read(tables.SceneTable, source.tables, files=files)
-    for variant in variants_of(source.tables):
-        tables.read(tables.SceneTable, variant.tables, files=files)  # it may name files of its own
+    with tables.in_words(tables.SceneTable, source.tables):
+        for variant in variants_of(source.tables):
+            tables.read(tables.SceneTable, variant.tables, files=files)  # it may name files of its own
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
 
 

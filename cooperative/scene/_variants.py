@@ -15,6 +15,7 @@ from cooperative.scene._stored import stored_measured
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._varied import SCENARIO, Varied, base_of, path_of, variants_of
 from cooperative.store import GRIDS, Source, table_of
+from jaxmpm.support.check import Gathered, Invalid
 from jaxmpm.support.values import by_value
 
 LENGTHS = ("lx", "ly", "lz")
@@ -51,6 +52,11 @@ def variants(scene: Source | str | Path) -> list[Variant]:
         ValueError: these are missing or hold what cannot be swept.
     """
     source = source_of(scene)
+    with known.in_words(known.SceneTable, source.tables):
+        return _variants(source)
+
+
+def _variants(source: Source) -> list[Variant]:
     sweep, base_scene = _sweep(source.tables), base_of(source.tables)
 
     def variant(name: str, *points: tuple[str, float | str], **changed: object) -> Variant:
@@ -58,21 +64,24 @@ def variants(scene: Source | str | Path) -> list[Variant]:
 
     campaign = parse(variant(BASE).source)
     if campaign.plan.coefficients is not kl.latin_hypercube:
-        raise ValueError("[sweep] shares coefficients between fields of different lengths: take 'latin hypercube'")
+        rule = "do not suit [sweep], which shares them between fields of other lengths"
+        raise Invalid(("campaign", "coefficients"), None, rule, "take 'latin hypercube'")
     if campaign.coarse is not None:
-        raise ValueError("[sweep] compares campaigns sample by sample, and [coarse] draws others in each: leave it out")
+        rule = "draws other samples in each campaign, and [sweep] compares them sample by sample"
+        raise Invalid(("coarse",), None, rule, "leave it out")
     estimator, first = campaign.estimator, Sampling(campaign.plan.samples, campaign.run.failure_displacement)
     if estimator.rough_runs(first) != campaign.plan.samples:
-        name = estimator.name
-        raise ValueError(f"[sweep] shares samples, which estimator = {name!r} makes one by one: take another estimator")
+        rule = "makes samples one by one, and [sweep] shares them"
+        raise Invalid(("campaign", "estimator"), repr(estimator.name), rule, "take another estimator")
     dimension, strength = campaign.dimension, campaign.random.get("strength")
     base: dict[str, float] = {}
     if strength is not None and "strength" in base_scene:
         base = {"cov": strength.cov, **dict(zip(_axes(dimension), strength.length, strict=True))}
     elif sweep.of_strength:
-        raise ValueError("a sweep varies the field of undrained strength: give the scene a table [strength]")
+        raise Invalid(("sweep",), None, "varies the field of undrained strength", "give the scene a table [strength]")
     if unknown := [name for name in sweep.of_strength if name not in base]:
-        raise ValueError(f"[sweep] {unknown[0]} cannot be swept in this scene: give {', '.join((*base, 'k_t'))}")
+        rule = "cannot be swept in this scene"
+        raise Invalid(("sweep", unknown[0]), None, rule, f"give {', '.join((*base, 'k_t'))}")
     points = [(name, value) for name, values in sweep.of_strength.items() for value in values]
     by_path = list(variants_of(source.tables))
     same = [
@@ -85,9 +94,12 @@ def variants(scene: Source | str | Path) -> list[Variant]:
             length = [changed[axis] for axis in _axes(dimension)]
             table = {**table_of(base_scene, "strength"), "cov": changed["cov"], "length": length}
             campaigns.append(variant(f"{parameter}-{value:g}", (parameter, value), strength=table))
+    gathered = Gathered()
     for point in by_path:
         if (point.parameter, point.value) not in same:
-            campaigns.append(_by_path(point, source))
+            with gathered.of(f"{point.parameter} = {point.value}: "):
+                campaigns.append(_by_path(point, source))
+    gathered.raise_all()
     if sweep.k_t is not None:
         # All values of k_t follow from the runs that the largest asks for.
         plan = {k: v for k, v in table_of(base_scene, "campaign").items() if k not in ("refined_runs", "target_cov")}
@@ -121,10 +133,7 @@ def _is_default(point: Varied, source: Source) -> bool:
 def _by_path(point: Varied, source: Source) -> Variant:
     """The campaign of a variant; ValueError where its scene refuses the value."""
     varied = _source(point.tables, source)
-    try:
-        parse(varied)
-    except ValueError as error:
-        raise ValueError(f"{point.parameter} = {point.value}: {error}") from error
+    parse(varied)
     first = tuple(path.partition(".")[0] for path in point.changes)
     return Variant(point.folder, varied, ((point.parameter, point.value),), first)
 
@@ -139,7 +148,9 @@ def _refuse_alike(campaigns: list[Variant]) -> None:
     names = [part.name.lower() for part in campaigns]
     for part in campaigns:
         if names.count(part.name.lower()) > 1:
-            raise ValueError(f"[sweep] two campaigns would share the folder {part.name}: name or number one otherwise")
+            raise Invalid(
+                ("sweep",), None, f"has two campaigns that would share the folder {part.name}", "name one otherwise"
+            )
 
 
 def _axes(dimension: int) -> tuple[str, ...]:
@@ -147,10 +158,10 @@ def _axes(dimension: int) -> tuple[str, ...]:
 
 
 def _sweep(tables: Mapping[str, object]) -> known.Sweep:
-    """The table `[sweep]`, checked as far as it can be without the scene; ValueError without it or a scenario."""
+    """The table `[sweep]`, checked as far as it can be without the scene; Invalid without it or a scenario."""
     table = tables.get("sweep", {})
     if not isinstance(table, dict) or not (table or SCENARIO in tables):
-        raise ValueError("the scene has no table [sweep]: give one, for example with lx = [10, 30, 60, 120]")
+        raise Invalid((), None, "has no table [sweep]", "give one, for example with lx = [10, 30, 60, 120]")
     return known.read(known.Sweep, table, "sweep")
 
 

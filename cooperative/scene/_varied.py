@@ -14,6 +14,7 @@ from pydantic.fields import FieldInfo
 
 from cooperative.scene import tables
 from cooperative.store import table_of, tables_of
+from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.text import shown
 
 FIXED = ("campaign", "sweep", "scenario", "name", *tables.STORED)
@@ -69,11 +70,11 @@ def path_of(scene: Mapping[str, object], name: str) -> KeyPath:
         name: keys with dots between them; a layer by its name, or its number from 1.
 
     Raises:
-        ValueError: no key is there; the message names the nearest.
+        Invalid: no key is there; the rule names the nearest.
     """
     parts = _as_given(scene, name)
     if parts[0] in FIXED and name != FREQUENCY:
-        raise ValueError(f"{shown(name)} is no key that samples in common can differ in: leave it out")
+        raise Invalid((name,), None, "is no key that samples in common can differ in", "leave it out")
     keys: Keys = ()
     owner: type[tables.Part] = tables.SceneTable
     left = list(parts)
@@ -103,18 +104,17 @@ def number_at(scene: Mapping[str, object], name: str) -> KeyPath:
         name: of the key.
 
     Raises:
-        ValueError: as `path_of`; or what is there is no number.
+        Invalid: as `path_of`; or what is there is no number.
     """
     path = path_of(scene, name)
     now = path.value(scene)
     if isinstance(now, dict | tables.Part):
-        raise ValueError(f"{shown(name)} is a table in this scene: give a key of it, such as {name}.mean")
+        raise Invalid((name,), None, "is a table in this scene", f"give a key of it, such as {name}.mean")
     schema = tables.schema_of(path.owner)["properties"][path.key]
     kinds = {part.get("type") for part in (schema, *schema.get("oneOf", ()), *schema.get("anyOf", ()))}
     if not kinds & {"number", "integer"}:
-        raise ValueError(
-            f"{shown(name)} is no number but {tables.wanted(schema, ends=False)}: change it in a [[scenario]]"
-        )
+        rule = f"is no number but {tables.wanted(schema, ends=False)}"
+        raise Invalid((name,), None, rule, "change it in a [[scenario]]")
     return path
 
 
@@ -126,14 +126,14 @@ def changed(scene: Mapping[str, object], changes: Mapping[str, object]) -> dict[
         changes: values by the path of their key, None to leave it out.
 
     Raises:
-        ValueError: as `path_of`, and two paths to one key.
+        Invalid: as `path_of`, and two paths to one key.
     """
     result = copy.deepcopy(dict(scene))
     seen: dict[Keys, str] = {}
     for name, value in changes.items():
         keys = path_of(scene, name).keys
         if keys in seen:
-            raise ValueError(f"{shown(seen[keys])} and {shown(name)} are one key: give it once")
+            raise _twice(seen[keys], name)
         seen[keys] = name
         node: object = result
         for part in keys[:-1]:
@@ -172,7 +172,9 @@ def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) ->
         named = [at for at, entry in enumerate(entries) if entry.get("name") == name_there]
         if len(named) > 1:
             numbers = " or ".join(f"{key}.{at + 1}" for at in named)
-            raise ValueError(f"{shown(name)}: {len(named)} tables have the name {shown(name_there)}: give {numbers}")
+            raise Invalid(
+                (name,), None, f"leads to {len(named)} tables of the name {shown(name_there)}", f"give {numbers}"
+            )
         if named:
             return named[0], left[count:]
     if left[0].isdigit() and 1 <= int(left[0]) <= len(entries):
@@ -180,11 +182,15 @@ def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) ->
     raise _unknown(scene, name)
 
 
-def _unknown(scene: Mapping[str, object], name: str) -> ValueError:
+def _twice(name: str, again: str) -> Invalid:
+    return Invalid((again,), None, f"is the key of {name} too", "give it once")
+
+
+def _unknown(scene: Mapping[str, object], name: str) -> Invalid:
     paths = [*_all_paths(scene), *tables.keys(tables.Sweep)]
     close = difflib.get_close_matches(name, paths, n=1, cutoff=0.4)
     nearest = f" (did you mean {shown(close[0])}?)" if close else ""
-    return ValueError(f"{shown(name)} is no key of this scene{nearest}: see docs/scenes.md for all keys")
+    return Invalid((name,), None, f"is no key of this scene{nearest}", "see docs/scenes.md for all keys")
 
 
 def _all_paths(scene: Mapping[str, object]) -> Iterator[str]:
@@ -223,6 +229,13 @@ class Varied:
     changes: Mapping[str, object]
     tables: Mapping[str, object]
 
+    @classmethod
+    def of(
+        cls, base: Mapping[str, object], parameter: str, value: float | str, changes: Mapping[str, object]
+    ) -> Varied:
+        """The campaign of a scene's tables with these changes."""
+        return cls(parameter, value, changes, changed(base, changes))
+
     @property
     def folder(self) -> str:
         """Name of its folder."""
@@ -246,31 +259,32 @@ def variants_of(scene: Mapping[str, object]) -> Iterator[Varied]:
     base = base_of(scene)
     paths: dict[str, Any] = dict(tables.read(tables.Sweep, table_of(scene, "sweep"), "sweep").paths)
     taken: dict[Keys, str] = {}
+    gathered = Gathered()
     for name in paths:
-        try:
+        with gathered.of(), at("sweep"):
             keys = (path_of if name == tables.RECORDS else number_at)(base, name).keys
             if keys in taken:
-                raise ValueError(f"{shown(taken[keys])} and {shown(name)} are one key: give it once")
-        except ValueError as error:
-            raise ValueError(f"[sweep] {error}") from error
-        taken[keys] = name
+                raise _twice(taken[keys], name)
+            taken[keys] = name
+    scenarios = [tables.read(tables.Scenario, table, SCENARIO) for table in tables_of(scene, SCENARIO)]
+    names = [scenario.name for scenario in scenarios]
+    for number, scenario in enumerate(scenarios):
+        with gathered.of(), at(SCENARIO, number):
+            if not scenario.paths:
+                raise Invalid((), None, "changes nothing", "give the keys that it changes")
+            if scenario.name in names[:number]:
+                raise Invalid((), None, "is there twice", "name it anew")
+            changed(base, scenario.paths)
+    gathered.raise_all()
     records = paths.pop(tables.RECORDS, None)
     if records is not None:
         of_scene = number_at(base, SCALES).value(base)
         assert isinstance(of_scene, int | float)
         for record, scale in itertools.product(records, paths.pop(SCALES, [of_scene])):
-            yield _variant(base, f"{SCALES} of {record}", scale, {tables.RECORDS: record, SCALES: scale}, "[sweep]")
+            yield Varied.of(base, f"{SCALES} of {record}", scale, {tables.RECORDS: record, SCALES: scale})
     for name, values in paths.items():
-        for value in values:
-            yield _variant(base, name, value, {name: value}, "[sweep]")
-    named: set[str] = set()
-    for scenario in (tables.read(tables.Scenario, table, SCENARIO) for table in tables_of(scene, SCENARIO)):
-        where = f"[[scenario]] {shown(scenario.name)}"
-        if not scenario.paths or scenario.name in named:
-            changes_nothing, twice = "changes nothing: give the keys that it changes", "is there twice: name it anew"
-            raise ValueError(f"{where} {twice if scenario.paths else changes_nothing}")
-        named.add(scenario.name)
-        yield _variant(base, SCENARIO, scenario.name, scenario.paths, f"{where}:")
+        yield from (Varied.of(base, name, value, {name: value}) for value in values)
+    yield from (Varied.of(base, SCENARIO, scenario.name, dict(scenario.paths)) for scenario in scenarios)
 
 
 def base_of(scene: Mapping[str, object]) -> dict[str, object]:
@@ -280,12 +294,3 @@ def base_of(scene: Mapping[str, object]) -> dict[str, object]:
         scene: its tables.
     """
     return {name: value for name, value in scene.items() if name not in ("sweep", SCENARIO)}
-
-
-def _variant(
-    base: Mapping[str, object], parameter: str, value: float | str, changes: Mapping[str, object], where: str
-) -> Varied:
-    try:
-        return Varied(parameter, value, changes, changed(base, changes))
-    except ValueError as error:
-        raise ValueError(f"{where} {error}") from error
