@@ -106,12 +106,10 @@ class TwoPhase(Audited):
         super().check(sampling)
         check_rule(self.k_t)
         if sampling.samples < 10:
-            raise ValueError(
-                f"[campaign] samples = {sampling.samples}: give 10 or more for the audit, or estimator = 'published'"
-            )
+            raise ValueError(f"samples = {sampling.samples}: give 10 or more for the audit, or estimator = 'published'")
         if sampling.rough_samples is not None and not 10 <= sampling.rough_samples <= sampling.samples:
             raise ValueError(
-                f"[campaign] rough_samples = {sampling.rough_samples} of samples = {sampling.samples}: give 10 to "
+                f"rough_samples = {sampling.rough_samples} of samples = {sampling.samples}: give 10 to "
                 f"{sampling.samples}"
             )
 
@@ -156,14 +154,14 @@ class Subset(Audited):
         check_all_run(self, sampling)
         replicates = SubsetPlan.replicates if self.replicates is None else self.replicates
         if replicates < 2 or (self.levels is not None and self.levels < 1):
-            raise ValueError(f"[campaign] replicates = {replicates}, levels = {self.levels}: give 2 or more, 1 or more")
+            raise ValueError(f"replicates = {replicates}, levels = {self.levels}: give 2 or more, 1 or more")
         if sampling.samples % (10 * replicates) or sampling.samples < 20 * replicates:
             raise ValueError(
-                f"[campaign] samples = {sampling.samples} per level with {replicates} replicates: give a multiple of "
+                f"samples = {sampling.samples} per level with {replicates} replicates: give a multiple of "
                 f"{10 * replicates}, at least {20 * replicates}"
             )
         if sampling.screening_stop is not None:
-            raise ValueError("[campaign] screening_stop cuts off what subset simulation ranks by: leave it out")
+            raise ValueError("screening_stop cuts off what subset simulation ranks by: leave it out")
 
     def rough_runs(self, sampling: Sampling) -> int:
         """Those of all levels."""
@@ -207,11 +205,9 @@ def named_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
     for key, value in settings.items():
         if key in SETTINGS and key not in takes:
             others = [repr(n) for n, other in ESTIMATORS.items() if key in {f.name for f in fields(other)}]
-            raise ValueError(
-                f"[campaign] {key} = {value} is for estimator = {' or '.join(others)}, not {name!r}: leave it out"
-            )
+            raise ValueError(f"{key} = {value} is for estimator = {' or '.join(others)}, not {name!r}: leave it out")
     for key, setting in takes.items():
         if setting.default is MISSING and key not in settings:
-            raise ValueError(f"[campaign] lacks {key}: add it, estimator = {name!r} needs it")
+            raise ValueError(f"lacks {key}: add it, estimator = {name!r} needs it")
     made: Estimator = kind(**{key: value for key, value in settings.items() if key in takes})
     return made

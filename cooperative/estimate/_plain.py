@@ -120,9 +120,9 @@ class Budgeted(SceneSamples):
     def check(self, sampling: Sampling) -> None:
         """ValueError for a budget or target that makes no sense."""
         if self.refined_runs is not None and self.refined_runs < 10:
-            raise ValueError(f"[campaign] refined_runs = {self.refined_runs}: give 10 or more")
+            raise ValueError(f"refined_runs = {self.refined_runs}: give 10 or more")
         if self.target_cov is not None and not 0 < self.target_cov < 1:
-            raise ValueError(f"[campaign] target_cov = {self.target_cov:g}: give a value above 0 and below 1")
+            raise ValueError(f"target_cov = {self.target_cov:g}: give a value above 0 and below 1")
 
     def budget(self, samples: int) -> int:
         """That of the settings, or for a target alone all samples, or a fifth of them, at least 20."""
@@ -292,15 +292,15 @@ class ControlVariate(InOrder):
 def check_rule(k_t: int | None) -> None:
     """ValueError for a k_t below 1."""
     if k_t is not None and k_t < 1:
-        raise ValueError(f"[campaign] k_t = {k_t}: give 1 or more")
+        raise ValueError(f"k_t = {k_t}: give 1 or more")
 
 
 def check_all_run(estimator: Estimator, sampling: Sampling) -> None:
     """ValueError for a coarse grid, which an estimator without weights cannot do with."""
     if sampling.rough_samples is not None:
         raise ValueError(
-            f"[coarse] draws the rough samples, and estimator = {estimator.name!r} takes all samples as alike: leave "
-            "[coarse] and rough_samples out, or take estimator = 'two-phase'"
+            f"estimator = {estimator.name!r} takes all samples as alike, and a coarse grid draws the rough ones: leave "
+            "[coarse] and rough_samples out, or take 'two-phase'"
         )
 
 

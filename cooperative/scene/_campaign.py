@@ -638,9 +638,10 @@ def check_failure(campaign: Campaign) -> None:
     """Raise ValueError for an estimator or a screening that does not go with the failure displacement."""
     plan, run = campaign.plan, campaign.run
     if not isinstance(campaign.estimator, FromScript):
-        campaign.estimator.check(
-            Sampling(plan.samples, run.failure_displacement, plan.screening_stop, rough_samples=plan.rough_samples)
-        )
+        with at("campaign"):
+            campaign.estimator.check(
+                Sampling(plan.samples, run.failure_displacement, plan.screening_stop, rough_samples=plan.rough_samples)
+            )
     if run.failure == "limit load" and campaign.measured.limit_load is None:
         return  # not known yet
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:

@@ -31,7 +31,7 @@ from cooperative.scene.tables._key import (
 from cooperative.scene.tables._run import CFL
 from jaxmpm import GIMP, Discretisation, Linear, QuadraticBSpline, Scheme, cell_independent
 from jaxmpm.soil import AnySoil
-from jaxmpm.support.check import Limit, from_zero
+from jaxmpm.support.check import Limit, at, from_zero
 
 COEFFICIENTS = {"latin hypercube": kl.latin_hypercube, "monte carlo": kl.monte_carlo, "sobol": kl.sobol}
 KERNELS = {"gimp": GIMP, "linear": Linear, "quadratic b-spline": QuadraticBSpline}
@@ -214,4 +214,5 @@ class PlanAndEstimator(Plan):
     @property
     def chosen(self) -> Estimator:
         """The estimator, with its settings."""
-        return named_estimator(self.estimator, {name: getattr(self, name) for name in (*SETTINGS, "seed")})
+        with at("campaign"):
+            return named_estimator(self.estimator, {name: getattr(self, name) for name in (*SETTINGS, "seed")})
