@@ -8,12 +8,8 @@ from .estimate import (
     Published,
     Subset,
     TwoPhase,
-    control_variate,
     monte_carlo,
-    published,
     rank_samples,
-    subset_simulation,
-    two_phase,
 )
 from .exports import export, export_sample
 from .hazard import hazard_maps
@@ -60,7 +56,6 @@ __all__ = [
     "build",
     "coefficients_of",
     "consequences",
-    "control_variate",
     "dask_executor",
     "export",
     "export_sample",
@@ -69,7 +64,6 @@ __all__ = [
     "monte_carlo",
     "phases_of",
     "progress_of",
-    "published",
     "random_soil",
     "rank_samples",
     "read",
@@ -80,6 +74,4 @@ __all__ = [
     "run",
     "run_samples",
     "slide",
-    "subset_simulation",
-    "two_phase",
 ]

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from cooperative import published, two_phase
 from cooperative.estimate import (
     AuditPlan,
     ControlVariate,
@@ -19,7 +18,9 @@ from cooperative.estimate import (
     Population,
     SubsetPlan,
     TwoPhase,
+    published,
     subset_simulation,
+    two_phase,
 )
 
 # As on the published section, the rough grid fails at a higher response: half as often.

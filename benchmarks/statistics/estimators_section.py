@@ -19,14 +19,18 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.statistics.section_pairs import Pairs, read
-from cooperative import control_variate, monte_carlo, published, rank_samples, two_phase
 from cooperative.estimate import (
     AuditPlan,
     Estimate,
     Population,
+    control_variate,
     correlation,
+    monte_carlo,
+    published,
+    rank_samples,
     sample_weights,
     stopping_rank,
+    two_phase,
     wilson_interval,
 )
 from cooperative.reporting import save

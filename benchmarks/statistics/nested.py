@@ -29,8 +29,7 @@ from benchmarks.measure import Report, on_cores, scene_campaign
 from benchmarks.results import FOLDER
 from benchmarks.statistics.estimators import measured
 from benchmarks.study.rows import DATA, read_table
-from cooperative import two_phase
-from cooperative.estimate import Population, Sampling, TwoPhase, all_samples, draw_samples
+from cooperative.estimate import Population, Sampling, TwoPhase, all_samples, draw_samples, two_phase
 from cooperative.runs import build, coefficients_of, random_soil, run_samples
 
 SCENES = {"": ("paper", "screening"), "_default": ("slope", "default")}

@@ -20,8 +20,7 @@ import numpy as np
 from benchmarks.csv_rows import number, whole
 from benchmarks.csv_rows import read_rows as rows_of
 from benchmarks.statistics.section_pairs import DATA, read, study
-from cooperative import two_phase
-from cooperative.estimate import Population, Sampling, TwoPhase, all_samples, draw_samples
+from cooperative.estimate import Population, Sampling, TwoPhase, all_samples, draw_samples, two_phase
 from cooperative.runs import coefficients_of, random_soil, screened_by
 from cooperative.tools.safety import rank_by_slices
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from cooperative import two_phase
-from cooperative.estimate import Phases, Population, Sampling, TwoPhase, Zone, all_samples, draw_samples
+from cooperative.estimate import Phases, Population, Sampling, TwoPhase, Zone, all_samples, draw_samples, two_phase
 from cooperative.estimate._nested import zone_variance
 
 N = 400
