@@ -64,10 +64,6 @@ PARAMETERS = {
 """Columns of laboratory values: the parameter of a scene's soil, its quantity, and names."""
 
 
-class SiteError(ValueError):
-    """A file of a site that cannot be used; the text names file, value, limit and remedy."""
-
-
 def in_si(where: str, unit: str, quantity: str) -> float:
     """What a number is multiplied by to be in SI units.
 
@@ -77,11 +73,11 @@ def in_si(where: str, unit: str, quantity: str) -> float:
         quantity: of `UNITS`.
 
     Raises:
-        SiteError: no unit of this quantity.
+        ValueError: no unit of this quantity.
     """
     plain = plain_unit(unit)
     if plain not in UNITS[quantity]:
-        raise SiteError(
+        raise ValueError(
             f"{where} is in {shown(unit)}, which is no unit of {quantity} known here: give one of "
             f"{known_units(quantity)}"
         )
@@ -164,11 +160,11 @@ def read_columns(
         it has none, and its datum and projection where the file has them.
 
     Raises:
-        SiteError: no rows, no headings, a column twice or in degrees, an unknown unit or none.
+        ValueError: no rows, no headings, a column twice or in degrees, an unknown unit or none.
     """
     read = read_table(path)
     if not read.rows:
-        raise SiteError(f"{path} has no rows below its header: give one row for each reading")
+        raise ValueError(f"{path} has no rows below its header: give one row for each reading")
     columns = _columns(path, read, expected, units)
     cells = {name: [row[column] for row in read.rows] for name, (column, _) in columns.items()}
     texts = {name: np.array(cells[name]) for name in TEXTS if name in cells}
@@ -191,13 +187,13 @@ def measured_of(
         texts: its texts (n,), likewise.
 
     Raises:
-        SiteError: values without a position or an elevation.
+        ValueError: values without a position or an elevation.
     """
     if "z" not in table and not {"top", "depth"} <= table.keys():
-        raise SiteError(f"{path} has no column z [m], nor top [m] and depth [m]: add the elevation of each value")
+        raise ValueError(f"{path} has no column z [m], nor top [m] and depth [m]: add the elevation of each value")
     z = table["z"] if "z" in table else table["top"] - table["depth"]
     if "x" not in table:
-        raise SiteError(f"{path} has no column x [m]: add the position of each value")
+        raise ValueError(f"{path} has no column x [m]: add the position of each value")
     y = table.get("y", np.full(z.size, math.nan))
     placed = np.isfinite(table["x"]) & np.isfinite(z) & (np.isfinite(y) | np.isnan(y).all())
     measured: list[PointValues] = []
@@ -224,22 +220,22 @@ def read_rows(path: Path) -> list[list[float]]:
         Rows [x, z, value] or [x, y, z, value], in SI units and degrees; rows with a gap are left out.
 
     Raises:
-        SiteError: a file without these columns, or without rows.
+        ValueError: a file without these columns, or without rows.
     """
     if not path.is_file():
-        raise SiteError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
+        raise ValueError(f"there is no file {path}: give a CSV with the columns x [m], z [m] and a parameter")
     table, texts = read_columns(path, POSITION | PARAMETERS, None)
     names = [name for name in PARAMETERS if name in table]
     if not names:
-        raise SiteError(f"{path} has no column of a parameter: name one of {known_names(PARAMETERS)}")
+        raise ValueError(f"{path} has no column of a parameter: name one of {known_names(PARAMETERS)}")
     if len(names) > 1:
-        raise SiteError(f"{path} has {len(names)} columns of parameters: a field has values of one, leave one")
+        raise ValueError(f"{path} has {len(names)} columns of parameters: a field has values of one, leave one")
     (only,) = measured_of(path, table, texts)
     flat = bool(np.isnan(only.y).all())
     rows = np.stack([only.x, only.z, only.value] if flat else [only.x, only.y, only.z, only.value], axis=1)
     valid = np.isfinite(rows).all(axis=1)
     if not valid.any():
-        raise SiteError(f"{path} has no row with a position and a value above 0: every row is a gap")
+        raise ValueError(f"{path} has no row with a position and a value above 0: every row is a gap")
     return rows[valid].tolist()
 
 
@@ -251,18 +247,20 @@ def _columns(
     unknown: list[str] = []
     bare: list[str] = []
     if not read.header:
-        raise SiteError(f"{path} has no row of headings: name its columns, such as x [m], top [m], depth [m], qc [MPa]")
+        raise ValueError(
+            f"{path} has no row of headings: name its columns, such as x [m], top [m], depth [m], qc [MPa]"
+        )
     for column, (cell, word) in enumerate(zip(read.header, read.names, strict=False)):
         unit = read.units[column]
         plain = word.strip().lower().replace(" ", "_")
         if plain in DEGREES:
-            raise SiteError(f"{path}: the column {shown(cell)} has degrees: give x [m] and y [m] of a national grid")
+            raise ValueError(f"{path}: the column {shown(cell)} has degrees: give x [m] and y [m] of a national grid")
         name = next((name for name, (_, words) in expected.items() if plain == name or plain in words), None)
         if name is None:
             unknown += [shown(cell)] if cell.strip() else []
             continue
         if name in columns:
-            raise SiteError(f"{path} has two columns of {name}: {shown(cell)} is the second, leave one out")
+            raise ValueError(f"{path} has two columns of {name}: {shown(cell)} is the second, leave one out")
         quantity = expected[name][0]
         unit = unit or (units or {}).get(plain) or (units or {}).get(name)
         if quantity and not unit:
@@ -275,7 +273,7 @@ def _columns(
             continue
         columns[name] = column, in_si(f"{path}: column {shown(cell)}", unit, quantity) if quantity and unit else 1.0
     if bare:
-        raise SiteError(f"{path}: {'; '.join(bare)}")
+        raise ValueError(f"{path}: {'; '.join(bare)}")
     if unknown:
         check.warn(f"{path}: unknown columns are not read: {', '.join(unknown)}")
     return columns
@@ -290,9 +288,9 @@ def one_text(path: Path, key: str, column: npt.NDArray[np.str_] | None) -> str |
         column: (n,) texts, None where the file has it not.
 
     Raises:
-        SiteError: several texts.
+        ValueError: several texts.
     """
     values = {printable(value.strip()) for value in (() if column is None else column) if value.strip()}
     if len(values) > 1:
-        raise SiteError(f"{path} has several {key}: {', '.join(sorted(values)[:3])}; give one")
+        raise ValueError(f"{path} has several {key}: {', '.join(sorted(values)[:3])}; give one")
     return values.pop() if values else None

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cooperative.laboratory import PARAMETERS, POSITION, UNITS, SiteError, read_columns, read_rows
+from cooperative.laboratory import PARAMETERS, POSITION, UNITS, read_columns, read_rows
 
 HUNDREDTHS = st.integers(-(10**5), 10**5).map(lambda number: number / 100)
 
@@ -65,8 +65,8 @@ def test_a_cone_beside_the_values_is_named_and_not_read(tmp_path):
 def test_all_columns_without_a_unit_are_named_and_no_option_that_a_scene_has_not(tmp_path):
     path = tmp_path / "values.csv"
     path.write_text("x,z,su\n1,2,30\n")
-    with pytest.raises(SiteError, match=r"'x' has no unit.*'z' has no unit.*'su' has no unit") as refused:
+    with pytest.raises(ValueError, match=r"'x' has no unit.*'z' has no unit.*'su' has no unit") as refused:
         read_rows(path)
     assert "--units" not in str(refused.value)
-    with pytest.raises(SiteError, match=r"'z' has no unit: write z \[m\] in the header, or give --units z=UNIT"):
+    with pytest.raises(ValueError, match=r"'z' has no unit: write z \[m\] in the header, or give --units z=UNIT"):
         read_columns(path, POSITION | PARAMETERS, {"x": "m", "su": "kPa"})

@@ -12,7 +12,6 @@ from cooperative.tools.site._assumed import Assumed
 from cooperative.tools.site._estimate import estimate_site
 from cooperative.tools.site._section import read_section
 from cooperative.tools.site._write import words, write_site
-from cooperative.tools.soundings import SiteError
 from jaxmpm import read_raster
 from jaxmpm.support.text import printable
 
@@ -27,9 +26,9 @@ def answer(arguments: argparse.Namespace) -> list[str]:
         ValueError: files or numbers that cannot be used.
     """
     if arguments.section is not None and arguments.surface is not None:
-        raise SiteError("--section is ground of a section and --surface that of a terrain: give one of them")
+        raise ValueError("--section is ground of a section and --surface that of a terrain: give one of them")
     if arguments.correlation not in CORRELATIONS:
-        raise SiteError(f"--correlation {arguments.correlation}: give one of {', '.join(CORRELATIONS)}")
+        raise ValueError(f"--correlation {arguments.correlation}: give one of {', '.join(CORRELATIONS)}")
     units = dict(pair.partition("=")[::2] for pair in arguments.units)
     line = None if arguments.line is None else (tuple(arguments.line[:2]), tuple(arguments.line[2:]))
     origin = arguments.origin
@@ -56,12 +55,12 @@ def cone_factor(numbers: Sequence[float] | None) -> tuple[float, float] | None:
         numbers: one or two.
 
     Raises:
-        SiteError: others, or a deviation that no cone factor has.
+        ValueError: others, or a deviation that no cone factor has.
     """
     if numbers is None:
         return None
     if len(numbers) > 2 or (len(numbers) == 2 and not 0 <= numbers[1] < numbers[0] / 2):
-        raise SiteError(
+        raise ValueError(
             f"N_kt = {' '.join(f'{number:g}' for number in numbers)}: give its mean, such as 14, or mean and standard "
             "deviation, such as 14 2"
         )

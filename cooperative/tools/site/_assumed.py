@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cooperative.tools.site._section import DrawnSection
-from cooperative.tools.soundings import SiteError, Stresses, Values
+from cooperative.tools.soundings import Stresses, Values
 from jaxmpm.soil import unit_slip
 from jaxmpm.support import check
 from jaxmpm.support.values import by_value
@@ -50,14 +50,14 @@ class Assumed:
         """Check the numbers that no reader looks at."""
         check.positive("unit_weight", self.unit_weight, "N/m3")
         if slip := unit_slip("unit_weight", self.unit_weight):
-            raise SiteError(f"{slip.of('unit_weight')} Give N/m3, such as 18e3")
+            raise ValueError(f"{slip.of('unit_weight')} Give N/m3, such as 18e3")
         for name in ("water", "line", "origin", "base"):
             if getattr(self, name) is not None:
                 check.finite(name, getattr(self, name), "m")
         if self.area_ratio is not None and not 0.3 <= self.area_ratio <= 1:
-            raise SiteError(f"area_ratio = {self.area_ratio:g}: cones have 0.3 to 1, such as 0.8; 1 takes q_c for q_t")
+            raise ValueError(f"area_ratio = {self.area_ratio:g}: cones have 0.3 to 1, such as 0.8; 1 takes q_c for q_t")
         if self.line is not None and self.line[0] == self.line[1]:
-            raise SiteError(f"line = {self.line} starts and ends at one point: give two points of the section")
+            raise ValueError(f"line = {self.line} starts and ends at one point: give two points of the section")
 
     def in_ground(self, points: Values) -> npt.NDArray[np.bool_]:
         """Which points (d, n) m may condition the field.

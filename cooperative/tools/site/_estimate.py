@@ -20,7 +20,6 @@ from cooperative.tools.soundings import (
     TYPES,
     PointValues,
     ProposedLayer,
-    SiteError,
     Sounding,
     Values,
     corrected_cone,
@@ -178,27 +177,27 @@ def _with_ratio(sounding: Sounding, ratio: float | None) -> Sounding:
 
 
 def _require_section(soundings: list[Sounding], measured: list[PointValues], assumed: Assumed) -> None:
-    """Raise SiteError for positions in 3D beside a section, or of which none lies between its walls."""
+    """Raise ValueError for positions in 3D beside a section, or of which none lies between its walls."""
     assert assumed.section is not None
     low, *_, high = assumed.section.surface[0]
     every: list[Sounding | PointValues] = [*soundings, *measured]
     x, y = (np.concatenate([np.atleast_1d(getattr(record, axis)) for record in every]) for axis in "xy")
     placed = assumed.placed(x, y)
     if len(placed) > 1:
-        raise SiteError(f"{assumed.section.path} is a section, the files have x and y: give --line, on which they lie")
+        raise ValueError(f"{assumed.section.path} is a section, the files have x and y: give --line, on which they lie")
     if not ((placed[0] >= low) & (placed[0] <= high)).any():
-        raise SiteError(
+        raise ValueError(
             f"no position lies in {assumed.section.path}, from x = {low:g} to {high:g} m, but from "
             f"{placed[0].min():g} to {placed[0].max():g} m: is --line that of the section?"
         )
 
 
 def _require_alike(soundings: Sequence[Sounding], measured: Sequence[PointValues]) -> None:
-    """Raise SiteError for files of which some have y and others not."""
+    """Raise ValueError for files of which some have y and others not."""
     every: list[Sounding | PointValues] = [*soundings, *measured]
     files = {record.file: bool(np.isfinite(record.y).any()) for record in every if np.isfinite(record.x).any()}
     if lacking := sorted(file for file, has in files.items() if has != any(files.values())):
-        raise SiteError(f"{lacking[0]} has no y, which other files have: add the column y [m] to it, or leave it out")
+        raise ValueError(f"{lacking[0]} has no y, which other files have: add the column y [m] to it, or leave it out")
 
 
 def _layers(
@@ -213,13 +212,13 @@ def _layers(
     else:
         z = np.concatenate([measurements.z for measurements in measured])
         if not z.size:
-            raise SiteError(
+            raise ValueError(
                 f"no value is left of {', '.join(sorted({values.file for values in measured}))}: correct them"
             )
         top, bottom = float(z.max()) + 0.01, float(z.min())
     edges = [top, *(boundaries or ()), bottom]
     if any(one <= other for one, other in pairwise(edges)) and len(edges) > 2:
-        raise SiteError(
+        raise ValueError(
             f"layers = {list(boundaries or ())}: give elevations between {top:g} and {bottom:g} m that fall, from the "
             "top down"
         )
@@ -236,13 +235,13 @@ def _fit(
     name = f"{layer.kind} {number}"
     where = f"layer {name!r} from {layer.top:.4g} to {layer.bottom:.4g} m"
     if parameter == "strength" and soundings and assumed.n_kt is None:
-        raise SiteError(
+        raise ValueError(
             f"{where} is of {layer.kind}, whose strength needs a cone factor: give --n-kt, such as 14, or 14 2 for a "
             "mean of 14 with a standard deviation of 2"
         )
     points, values, cones = _values(layer, parameter, soundings, measured, assumed)
     if values.size < FEWEST:
-        raise SiteError(
+        raise ValueError(
             f"{where} has {values.size} values of {parameter}, the limit is {FEWEST}: give other boundaries by --layers"
         )
     try:
@@ -253,7 +252,7 @@ def _fit(
             marginal=MARGINALS[marginal_of(parameter, assumed)], correlation=CORRELATIONS[assumed.correlation],
         )  # fmt: skip
     except ValueError as error:
-        raise SiteError(f"{where}: {error}") from error
+        raise ValueError(f"{where}: {error}") from error
     mean_factor, deviation = assumed.n_kt if parameter == "strength" and soundings and assumed.n_kt else (1.0, 0.0)
     scatter = deviation / mean_factor
     scores = np.random.default_rng(0).standard_normal(fit.draws.mean.size)

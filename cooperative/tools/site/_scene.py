@@ -11,7 +11,6 @@ import numpy as np
 
 from cooperative.scene import compare_projections, toml_value
 from cooperative.tools.site._estimate import SiteEstimate
-from cooperative.tools.soundings import SiteError
 from jaxmpm import Raster, read_raster
 from jaxmpm.support import check, files
 
@@ -43,7 +42,7 @@ def surface_beside(surface: Path, folder: Path) -> dict[Path, bytes]:
         copies[folder / projection.name] = files.read_given(projection, MOST_BYTES)
     for copy, data in copies.items():
         if copy.exists() and files.read_given(copy, MOST_BYTES) != data:
-            raise SiteError(f"{copy} is there and is not {surface}: move it away, or give another --out")
+            raise ValueError(f"{copy} is there and is not {surface}: move it away, or give another --out")
     return copies
 
 
@@ -60,7 +59,7 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
     """
     raster = read_raster(surface)
     if site.assumed.line is not None or len(site.layers[0].points) < 3:
-        raise SiteError(f"{surface} is ground in 3D, the soundings are of a section: leave out --line, give x and y")
+        raise ValueError(f"{surface} is ground in 3D, the soundings are of a section: leave out --line, give x and y")
     origin = site.assumed.origin
     ends = [(low - at, high - at) for (low, high), at in zip(raster.ends, origin, strict=True)]
     _check_inside(site, surface, raster)
@@ -90,7 +89,7 @@ def scene_lines(site: SiteEstimate, surface: Path, folder: Path) -> Iterator[str
 
 
 def _check_inside(site: SiteEstimate, surface: Path, raster: Raster) -> None:
-    """Raise SiteError for a sounding beside the raster, and warn of one that begins well above or below the ground."""
+    """Raise ValueError for a sounding beside the raster, and warn of one that begins well above or below the ground."""
     for sounding in site.soundings:
         # Other names than EPSG codes are words of whoever wrote the file.
         if raster.projection is not None and (sounding.projection or "").startswith("EPSG:"):
@@ -99,7 +98,7 @@ def _check_inside(site: SiteEstimate, surface: Path, raster: Raster) -> None:
                 check.warn(remark)
         for axis, at, (low, high) in zip("xy", (sounding.x, sounding.y), raster.ends, strict=True):
             if not low <= at <= high:
-                raise SiteError(
+                raise ValueError(
                     f"{sounding.file}: sounding {sounding.name!r} lies at {axis} = {at:.10g} m, and {surface} "
                     f"reaches from {low:.10g} to {high:.10g} m: give files of the same projection, or leave it out"
                 )

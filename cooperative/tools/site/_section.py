@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cooperative.scene import Files, tables
-from cooperative.tools.soundings import SiteError, Values
+from cooperative.tools.soundings import Values
 from jaxmpm.support.files import read_given
 from jaxmpm.support.table import decoded
 
@@ -91,13 +91,13 @@ def read_section(path: Path) -> DrawnSection:
     try:
         given = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SiteError(f"{path} is no scene in TOML: {error}") from error
+        raise ValueError(f"{path} is no scene in TOML: {error}") from error
     if "ground" not in given:
-        raise SiteError(
+        raise ValueError(
             f"{path} has no table [ground]: --section takes the scene of a section, for a terrain --surface"
         )
     if clash := [key for key in ("layer", "soil", "strength") if key in given]:
-        raise SiteError(f"{path} has {', '.join(clash)} already, which the soundings give: leave out these tables")
+        raise ValueError(f"{path} has {', '.join(clash)} already, which the soundings give: leave out these tables")
     ground = tables.read(tables.GroundTable, given["ground"], "ground", files=Files({}, path.parent))
     surface = np.array(ground.surface, float).T
     low, high = ground.walls or (float(surface[0, 0]), float(surface[0, -1]))

@@ -1,6 +1,6 @@
 """Soundings and laboratory values of a site: read, checked, and made into parameters of soil."""
 
-from cooperative.laboratory import PointValues, SiteError, Values
+from cooperative.laboratory import PointValues, Values
 from cooperative.tools.soundings._files import read_files
 from cooperative.tools.soundings._interpretation import (
     FEWEST,
@@ -29,7 +29,6 @@ __all__ = [
     "TYPES",
     "PointValues",
     "ProposedLayer",
-    "SiteError",
     "Sounding",
     "Stresses",
     "Values",

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cooperative.laboratory import SiteError, Values, in_si, numbers
+from cooperative.laboratory import Values, in_si, numbers
 from cooperative.tools.soundings._sounding import SoundingRecord, one_number
 from jaxmpm.support.files import read_given
 from jaxmpm.support.table import MOST_BYTES, decoded, number
@@ -52,7 +52,7 @@ def read_gef(path: Path) -> list[SoundingRecord]:
         path: of the file.
 
     Raises:
-        SiteError: no GEF, a report of another kind, or units that are unknown.
+        ValueError: no GEF, a report of another kind, or units that are unknown.
     """
     text = decoded(path, read_given(path, MOST_BYTES))
     parts = re.split(r"^[ \t]*#[ \t]*EOH\b.*$", text, maxsplit=1, flags=re.M | re.I)
@@ -61,12 +61,12 @@ def read_gef(path: Path) -> list[SoundingRecord]:
     for key, rest in re.findall(r"^[ \t]*#[ \t]*(\w+)[ \t]*=?[ \t]*(.*)$", head, re.M):
         headers.setdefault(key.upper(), []).append([cell.strip() for cell in rest.split(",")])
     if "GEFID" not in headers or len(parts) == 1:
-        raise SiteError(f"{path} is no GEF: it has no lines #GEFID and #EOH")
+        raise ValueError(f"{path} is no GEF: it has no lines #GEFID and #EOH")
     if len(headers["GEFID"]) > 1:
-        raise SiteError(f"{path} has {len(headers['GEFID'])} reports: give each a file of its own")
+        raise ValueError(f"{path} has {len(headers['GEFID'])} reports: give each a file of its own")
     code = _value(headers, "REPORTCODE", 0) or _value(headers, "PROCEDURECODE", 0) or "CPT"
     if "CPT" not in code.upper():
-        raise SiteError(f"{path} is a {code}, no cone penetration test: leave it out")
+        raise ValueError(f"{path} is a {code}, no cone penetration test: leave it out")
     infos = [[cell for cell in row if cell] for row in headers.get("COLUMNINFO", ())]
     declared = {number(row[0]): number(row[1]) for row in headers.get("COLUMNVOID", ()) if len(row) > 1}
     rows = _gef_rows(body, _separator(text, "RECORDSEPARATOR"), _separator(text, "COLUMNSEPARATOR"))
@@ -118,7 +118,7 @@ def _gef_rows(body: str, of_records: str | None, of_columns: str | None) -> list
 
 def _gef_system(path: Path, code: str) -> str | None:
     if code in ("1", "00001"):
-        raise SiteError(f"{path} has its position in degrees (#XYID code {code}): convert it to metres of one grid")
+        raise ValueError(f"{path} has its position in degrees (#XYID code {code}): convert it to metres of one grid")
     if not code.strip("0"):
         return None
     return SYSTEMS.get(code, f"GEF {code}")
@@ -131,22 +131,22 @@ def read_bro(path: Path) -> list[SoundingRecord]:
         path: of the file.
 
     Raises:
-        SiteError: no such file, one that declares entities, or a sounding without readings.
+        ValueError: no such file, one that declares entities, or a sounding without readings.
     """
     text = decoded(path, read_given(path, MOST_BYTES))
     if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.I):
-        raise SiteError(f"{path} declares a document type or entities, which no file of the BRO does: remove them")
+        raise ValueError(f"{path} declares a document type or entities, which no file of the BRO does: remove them")
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
-        raise SiteError(f"{path} is no XML ({error}): was it cut off?") from error
+        raise ValueError(f"{path} is no XML ({error}): was it cut off?") from error
     tests = [element for element in root.iter() if _name(element) == "CPT_O"]
     if not tests:
         kinds = sorted(
             {_name(element) for part in root.iter() if _name(part) == "dispatchDocument" for element in part}
         )
         holds = f": it holds {', '.join(kinds)}" if kinds else ""
-        raise SiteError(f"{path} has no cone penetration test of the BRO (CPT_O){holds}")
+        raise ValueError(f"{path} has no cone penetration test of the BRO (CPT_O){holds}")
     return [_of_test(path, test, count if len(tests) > 1 else 0) for count, test in enumerate(tests, 1)]
 
 
@@ -175,7 +175,7 @@ def _of_test(path: Path, test: ElementTree.Element, count: int) -> SoundingRecor
     cells = list(_bro_rows(_text(result, "values"), _found(result, "TextEncoding")))
     listed = _found(test, "parameters")
     if not cells or listed is None:
-        raise SiteError(f"{where} has no readings (cptResult) or no list of its parameters: export it with them")
+        raise ValueError(f"{where} has no readings (cptResult) or no list of its parameters: export it with them")
     columns = {}
     for at, parameter in enumerate(listed):
         column = PARAMETERS.get(_name(parameter))
@@ -217,6 +217,6 @@ def _bro_position(where: str, location: ElementTree.Element | None) -> tuple[str
     code = next((re.findall(r"\d+", name)[-1] for name in names if re.search(r"\d", name)), None)
     system = None if code is None else "EPSG:28992" if code == "7415" else f"EPSG:{code}"
     if system in GEOGRAPHIC:
-        raise SiteError(f"{where} has its position in degrees ({system}): export it in metres, such as EPSG:28992")
+        raise ValueError(f"{where} has its position in degrees ({system}): export it in metres, such as EPSG:28992")
     at = [one_number(word) for word in re.split(r"[\s,;]+", _text(location, "pos"))]
     return system, *((*at, math.nan, math.nan)[:2])  # type: ignore[return-value]

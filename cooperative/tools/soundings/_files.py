@@ -14,7 +14,6 @@ from cooperative.laboratory import (
     PARAMETERS,
     POSITION,
     PointValues,
-    SiteError,
     Values,
     in_si,
     known_names,
@@ -62,18 +61,18 @@ def read_files(
         units: of columns of CSV files whose header has none, by the column's name.
 
     Raises:
-        SiteError: a file that is missing, of another kind, or with numbers that no soil has; two soundings of one name
+        ValueError: a file that is missing, of another kind, or with numbers that no soil has; two soundings of one name
             or at one place; soundings whose elevations count from different datums.
     """
     soundings: list[Sounding] = []
     measured: list[PointValues] = []
     for path in paths:
         if not path.is_file():
-            raise SiteError(f"there is no file {path}: give files that end in {', '.join(_READERS)}")
+            raise ValueError(f"there is no file {path}: give files that end in {', '.join(_READERS)}")
         reader = _READERS.get(path.suffix.lower())
         if reader is None:
             remedy = "save each sheet as CSV" if path.suffix.lower() in SHEETS else "export it as one of them"
-            raise SiteError(f"{path} ends in {path.suffix!r}, files of a site in {', '.join(_READERS)}: {remedy}")
+            raise ValueError(f"{path} ends in {path.suffix!r}, files of a site in {', '.join(_READERS)}: {remedy}")
         records, values = reader(path, units or {})
         soundings += [sounding_of(record) for record in records]
         measured += values
@@ -90,13 +89,13 @@ def _check_together(soundings: list[Sounding]) -> None:
     names: dict[str, Sounding] = {}
     for sounding in soundings:
         if sounding.name in names:
-            raise SiteError(
+            raise ValueError(
                 f"{sounding.file} and {names[sounding.name].file} both hold the sounding "
                 f"{shown(sounding.name)}: leave one out"
             )
         for other in names.values():
             if math.hypot(sounding.x - other.x, *np.diff(np.nan_to_num([sounding.y, other.y]))) < 0.01:
-                raise SiteError(
+                raise ValueError(
                     f"{sounding.file}: soundings {shown(sounding.name)} and {shown(other.name)} lie at one place, x = "
                     f"{sounding.x:g} m: leave one out, or correct its position"
                 )
@@ -111,13 +110,13 @@ def _check_together(soundings: list[Sounding]) -> None:
     datums = {sounding.datum: sounding for sounding in soundings if sounding.datum is not None}
     if len(datums) > 1:
         (one, first), (two, second) = list(datums.items())[:2]
-        raise SiteError(
+        raise ValueError(
             f"{first.file} has elevations from {one} and {second.file} from {two}: convert them to one datum"
         )
 
 
 def _check_positions(soundings: Sequence[Sounding], measured: Sequence[PointValues]) -> None:
-    """Raise SiteError for positions of several systems, that were never set, or far from all others."""
+    """Raise ValueError for positions of several systems, that were never set, or far from all others."""
     every: list[Sounding | PointValues] = [*soundings, *measured]
     systems = {record.projection: record.file for record in every if record.projection is not None}
     (one, first), *later = systems.items() or [("", "")]
@@ -125,7 +124,7 @@ def _check_positions(soundings: Sequence[Sounding], measured: Sequence[PointValu
         try:
             remark = compare_projections(second, two, first, one)
         except ValueError as error:
-            raise SiteError(
+            raise ValueError(
                 f"{first} has positions in {one} and {second} in {two}: convert them to one coordinate system ({error})"
             ) from error
         if remark is not None:
@@ -139,11 +138,11 @@ def _check_positions(soundings: Sequence[Sounding], measured: Sequence[PointValu
     others = np.hypot(*np.nan_to_num(placed))
     for file, projection, at in places:
         if (at == 0).all(axis=0).any() and (projection is not None or others.max() > UNSET):
-            raise SiteError(f"{file} has the position 0, 0, which was never set: give its x and y in metres")
+            raise ValueError(f"{file} has the position 0, 0, which was never set: give its x and y in metres")
     for file, _, at in places:
         away = np.hypot(*np.nan_to_num(at - middle[:, None]))
         if away.size and (worst := float(away.max())) > FARTHEST:
-            raise SiteError(
+            raise ValueError(
                 f"{file} lies {worst / 1000:.3g} km from the middle of the site, the limit is {FARTHEST / 1000:g} km: "
                 "its position is of another coordinate system, or wrong"
             )
@@ -153,18 +152,18 @@ def _ags(path: Path, units: Mapping[str, str]) -> Contents:
     """Soundings (SCPT, SCPG) and strengths (TRIT, IVAN, LVAN) of an AGS4 file."""
     text = decoded(path, read_given(path, MOST_BYTES))
     if text.lstrip('\ufeff" \n').startswith("**"):
-        raise SiteError(f"{path}: this is AGS3, whose groups begin with **: convert it to AGS4, which has GROUP lines")
+        raise ValueError(f"{path}: this is AGS3, whose groups begin with **: convert it to AGS4, which has GROUP lines")
     ags4 = extra("python_ags4.AGS4", f"{path} needs python-AGS4, which is not installed", "'jaxmpm[site]'")
     try:
         tables, _ = ags4.AGS4_to_dict(StringIO(text))
     except Exception as error:  # python-AGS4 raises whatever its parsers do
-        raise SiteError(f"{path} is no AGS4 that python-AGS4 reads: {' '.join(str(error).split())[:200]}") from error
+        raise ValueError(f"{path} is no AGS4 that python-AGS4 reads: {' '.join(str(error).split())[:200]}") from error
     groups = {name: _ags_rows(table) for name, table in tables.items()}
     if "LOCA" not in groups:
-        raise SiteError(f"{path} has no group LOCA of locations: export it with LOCA, and SCPT for soundings")
+        raise ValueError(f"{path} has no group LOCA of locations: export it with LOCA, and SCPT for soundings")
     for name in {"LOCA", "SCPT", "SCPG", "TRIT", "IVAN", "LVAN"} & groups.keys():
         if "LOCA_ID" not in groups[name][0]:
-            raise SiteError(f"{path}: its group {name} has no heading LOCA_ID, which tells its place: export it anew")
+            raise ValueError(f"{path}: its group {name} has no heading LOCA_ID, which tells its place: export it anew")
     places = _ags_places(path, groups["LOCA"])
     records = list(_ags_soundings(path, groups, places))
     measured: list[PointValues] = []
@@ -172,7 +171,7 @@ def _ags(path: Path, units: Mapping[str, str]) -> Contents:
         if group in groups:
             measured += _ags_strengths(path, groups[group], heading, places)
     if not records and not measured:
-        raise SiteError(f"{path} has neither soundings (SCPT) nor strengths (TRIT, IVAN, LVAN)")
+        raise ValueError(f"{path} has neither soundings (SCPT) nor strengths (TRIT, IVAN, LVAN)")
     return records, measured
 
 
@@ -212,7 +211,7 @@ def _ags_places(path: Path, group: Group) -> dict[str, Place]:
     rows = group[1]
     position = [_ags_column(path, group, heading, "length") for heading in ("LOCA_NATE", "LOCA_NATN", "LOCA_GL")]
     if np.isnan(position[0]).all() and any(row.get("LOCA_LAT") for row in rows):
-        raise SiteError(f"{path} has positions in degrees alone (LOCA_LAT): export it with LOCA_NATE and LOCA_NATN")
+        raise ValueError(f"{path} has positions in degrees alone (LOCA_LAT): export it with LOCA_NATE and LOCA_NATN")
     return {
         row["LOCA_ID"]: Place(x, y, top, row.get("LOCA_DATM") or None, row.get("LOCA_GREF") or None)
         for row, (x, y, top) in zip(rows, np.transpose(position).tolist(), strict=True)
@@ -255,7 +254,7 @@ def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, 
         return
     depths = [_ags_column(path, group, name, "length") for name in ("SPEC_DPTH", "IVAN_DPTH", "SAMP_TOP")]
     if not any(name in units for name in ("SPEC_DPTH", "IVAN_DPTH", "SAMP_TOP")):
-        raise SiteError(f"{path}: {heading} has no depth in SPEC_DPTH, IVAN_DPTH or SAMP_TOP: add one")
+        raise ValueError(f"{path}: {heading} has no depth in SPEC_DPTH, IVAN_DPTH or SAMP_TOP: add one")
     # A specimen without a depth of its own lies at the top of its sample.
     depth = depths[0]
     for other in depths[1:]:
@@ -271,7 +270,7 @@ def _ags_strengths(path: Path, group: Group, heading: str, places: Mapping[str, 
         ):
             message = f"{path}: {', '.join(map(shown, missing[:5]))} have no {what}"
             if np.isnan(numbers_of[read]).all():
-                raise SiteError(f"{message}: add it, without it {heading} has no place")
+                raise ValueError(f"{message}: add it, without it {heading} has no place")
             check.warn(f"{message}, so that values of {heading} there are left out: add it")
     valid = read & np.isfinite(x) & np.isfinite(top) & np.isfinite(depth)
     if valid.any():
@@ -285,14 +284,14 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
     table, texts = read_columns(path, CONE | POSITION | PARAMETERS, units)
     if "cone" in table or "total" in table:
         if "depth" not in table and "length" not in table:
-            raise SiteError(f"{path} has cone resistances but no column depth [m]: add it")
+            raise ValueError(f"{path} has cone resistances but no column depth [m]: add it")
         if unused := sorted({*PARAMETERS, "z"} & table.keys()):
             check.warn(f"{path} is a sounding, whose columns {', '.join(unused)} are not read")
         names = texts["name"]
         return [_of_rows(path, table | texts, name, names == name) for name in dict.fromkeys(names.tolist())], []
     if not PARAMETERS.keys() & table.keys():
         known = known_names(CONE | PARAMETERS)
-        raise SiteError(f"{path} has no column of a sounding or of the laboratory: name one of {known}")
+        raise ValueError(f"{path} has no column of a sounding or of the laboratory: name one of {known}")
     return [], measured_of(path, table, texts)
 
 
@@ -303,7 +302,7 @@ def _of_rows(path: Path, table: Mapping[str, np.ndarray], name: str, rows: np.nd
         values = np.unique(table[key][rows]) if key in table else np.array([math.nan])
         values = values[np.isfinite(values)]
         if len(values) > 1:
-            raise SiteError(f"{path}: sounding {shown(name)} has several {key}: give each its own name")
+            raise ValueError(f"{path}: sounding {shown(name)} has several {key}: give each its own name")
         return float(values[0]) if len(values) else math.nan
 
     columns = {key: table[key][rows] for key in CONE if key in table}

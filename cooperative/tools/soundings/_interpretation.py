@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from cooperative.laboratory import SiteError, Values
+from cooperative.laboratory import Values
 from cooperative.tools.soundings._sounding import Sounding
 from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.support.text import shown
@@ -92,10 +92,10 @@ def strength_of(sounding: Sounding, stresses: Stresses, n_kt: float) -> Values:
         n_kt: cone factor.
 
     Raises:
-        SiteError: a cone factor that no clay has.
+        ValueError: a cone factor that no clay has.
     """
     if not 5 <= n_kt <= 40:
-        raise SiteError(f"N_kt = {n_kt:g}: clays have 8 to 25, give one of 5 to 40")
+        raise ValueError(f"N_kt = {n_kt:g}: clays have 8 to 25, give one of 5 to 40")
     value = (corrected_cone(sounding) - stresses.of(sounding)[0]) / n_kt
     return np.where(value > 0, value, np.nan)
 
@@ -122,10 +122,10 @@ def behaviour_index(sounding: Sounding, stresses: Stresses) -> Values:
         stresses: of the ground.
 
     Raises:
-        SiteError: no sleeve friction, on which the index rests.
+        ValueError: no sleeve friction, on which the index rests.
     """
     if not np.isfinite(sounding.sleeve).any():
-        raise SiteError(
+        raise ValueError(
             f"{sounding.file}: sounding {shown(sounding.name)} has no sleeve friction, from which layers are proposed: "
             "give the layers by --layers"
         )
@@ -191,7 +191,7 @@ def proposed_layers(soundings: list[Sounding], stresses: Stresses) -> list[Propo
         stresses: of the ground.
 
     Raises:
-        SiteError: a sounding without sleeve friction or elevation.
+        ValueError: a sounding without sleeve friction or elevation.
     """
     require_elevations(soundings)
     top, bottom = extent_of(soundings)
@@ -266,7 +266,7 @@ def kind_between(soundings: list[Sounding], stresses: Stresses, top: float, bott
 
 
 def require_elevations(soundings: list[Sounding]) -> None:
-    """Raise SiteError for soundings without position or elevation.
+    """Raise ValueError for soundings without position or elevation.
 
     Args:
         soundings: to look at.
@@ -276,7 +276,7 @@ def require_elevations(soundings: list[Sounding]) -> None:
             name for name, value in (("x", sounding.x), ("elevation of the surface", sounding.top)) if np.isnan(value)
         ]
         if lacking:
-            raise SiteError(
+            raise ValueError(
                 f"{sounding.file}: sounding {shown(sounding.name)} has no {lacking[0]}: write it into the file, in a "
                 "CSV as a column x [m] or top [m]"
             )

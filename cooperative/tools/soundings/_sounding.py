@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cooperative.laboratory import SiteError, Values, numbers
+from cooperative.laboratory import Values, numbers
 from jaxmpm.support import check
 from jaxmpm.support.table import number
 from jaxmpm.support.text import printable, shown
@@ -125,7 +125,7 @@ def sounding_of(record: SoundingRecord) -> Sounding:
         record: of a file.
 
     Raises:
-        SiteError: numbers in another unit, or nothing measured.
+        ValueError: numbers in another unit, or nothing measured.
     """
     name = printable(record.name.strip())[:LONGEST_NAME] or printable(Path(record.file).stem)
     where = f"{record.file}: sounding {shown(name)}"
@@ -157,7 +157,7 @@ def sounding_of(record: SoundingRecord) -> Sounding:
     )  # fmt: skip
     for area_ratio in ratios:
         if not 0.3 <= area_ratio <= 1:
-            raise SiteError(f"{where} has a net area ratio of {area_ratio:g}: cones have 0.3 to 1")
+            raise ValueError(f"{where} has a net area ratio of {area_ratio:g}: cones have 0.3 to 1")
     return checked(made)
 
 
@@ -182,7 +182,7 @@ def _depths(where: str, table: Mapping[str, Values]) -> Values:
         return depth
     leaning = placed & np.isfinite(inclination)
     if leaning.any() and (worst := float(np.abs(inclination[leaning]).max())) > STEEPEST:
-        raise SiteError(f"{where} leans by {worst:g} degrees, the limit is {STEEPEST:g}: correct the inclination")
+        raise ValueError(f"{where} leans by {worst:g} degrees, the limit is {STEEPEST:g}: correct the inclination")
     # A gap of the inclination is between its neighbours; without any the sounding is upright.
     angle = np.interp(length, length[leaning], inclination[leaning]) if leaning.any() else np.zeros(length.size)
     upright = np.full(length.size, math.nan)
@@ -217,7 +217,7 @@ def checked(sounding: Sounding) -> Sounding:
     Readings of the same depth are averaged, as depths are rounded.
 
     Raises:
-        SiteError: numbers in another unit, or nothing measured.
+        ValueError: numbers in another unit, or nothing measured.
     """
     where = f"{sounding.file}: sounding {shown(sounding.name)}"
     valid = np.isfinite(sounding.depth) & (sounding.depth >= 0)
@@ -228,9 +228,9 @@ def checked(sounding: Sounding) -> Sounding:
     columns = {name: getattr(sounding, name)[valid] for name in names}
     depth = columns["depth"]
     if depth.size == 0:
-        raise SiteError(f"{where} has no depths of 0 or more: depths count down from the surface, in metres")
+        raise ValueError(f"{where} has no depths of 0 or more: depths count down from the surface, in metres")
     if depth.max() > LARGEST_DEPTH:
-        raise SiteError(
+        raise ValueError(
             f"{where} reaches a depth of {depth.max():g} m, the limit is {LARGEST_DEPTH:g} m: is it in mm or cm? Give "
             "the unit in the header, such as depth [mm]"
         )
@@ -239,9 +239,9 @@ def checked(sounding: Sounding) -> Sounding:
         columns[name] = np.where(columns[name] > 0, columns[name], np.nan)
     cone = columns["cone"][np.isfinite(columns["cone"])]
     if cone.size == 0:
-        raise SiteError(f"{where} has no cone resistance above 0: every reading is a gap or a void code")
+        raise ValueError(f"{where} has no cone resistance above 0: every reading is a gap or a void code")
     if cone.max() > LARGEST_CONE or np.median(cone) < 5e3:
-        raise SiteError(
+        raise ValueError(
             f"{where} has cone resistances with a median of {np.median(cone):.3g} Pa and up to {cone.max():.3g} Pa; "
             f"soil has 5e3 Pa to {LARGEST_CONE:g} Pa: give the right unit, such as qc [kPa] in the header"
         )
