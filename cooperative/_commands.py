@@ -313,27 +313,11 @@ def completion(args: argparse.Namespace) -> None:
     print(shtab.complete(whole, args.shell))
 
 
-FUNCTIONS: tuple[Callable[[argparse.Namespace], None], ...] = (
-    *(
-        site,
-        example,
-        new,
-        check,
-        draw,
-        slide,
-        fos,
-        seepage,
-        run,
-        status,
-        resume,
-        report,
-        export,
-        sweep,
-        doctor,
-        completion,
-    ),
-)
-COMMANDS = {function.__name__: function for function in FUNCTIONS}
+OF_SCENES = (site, example, new, check, draw, slide, fos, seepage, run)
+OF_FOLDERS = (status, resume, report, export, sweep, doctor, completion)
+COMMANDS: dict[str, Callable[[argparse.Namespace], None]] = {
+    function.__name__: function for function in (*OF_SCENES, *OF_FOLDERS)
+}
 LIBRARIES = {
     **dict.fromkeys(("run", "resume"), ("cooperative.campaign", "cooperative.reporting")),
     **dict.fromkeys(("status", "report", "check", "draw"), ("cooperative.runs", "cooperative.reporting")),

@@ -25,12 +25,12 @@ from cooperative.estimate import Estimator, Phases, Sampling, Screened, Slides, 
 from cooperative.folder import Results, write_results
 from cooperative.scene import (
     Campaign,
+    LongerSlides,
     Measured,
     check_samples,
     in_folder,
+    keep,
     measure,
-    write_budget,
-    write_slides_end,
 )
 from cooperative.store import (
     COARSE,
@@ -238,9 +238,9 @@ def _opened(
                 for model in models.values():
                     runs.keep_initial(folder, model.grid, model.scene, model.state)
                 if campaign.raised is not None:
-                    write_budget(store, campaign.raised)
+                    keep(store, campaign.raised)
                 if slides_t_end is not None:
-                    write_slides_end(store, slides_t_end)
+                    keep(store, LongerSlides(slides_t_end))
                 campaign = measure(campaign, store, models["rough"].soil.counts, models)
                 models = {grid: model.with_measured(campaign) for grid, model in models.items()}
                 runs.keep_ground(folder, models)

@@ -10,23 +10,21 @@ from cooperative.scene._measured import (
     limit_load_factor,
     measure,
     measure_limit_load,
-    write_measured,
 )
 from cooperative.scene._page import SEVERAL, TABLES, json_schema, markdown
 from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import national_origin
 from cooperative.scene._remarks import remarks
-from cooperative.scene._site import Site, SiteLayer, check_seams
+from cooperative.scene._site import Site, SiteLayer
 from cooperative.scene._stored import (
     campaign_of,
     in_folder,
+    keep,
+    kept,
     read,
     settled,
-    stored_budget,
     stored_measured,
     with_measured,
-    write_budget,
-    write_slides_end,
 )
 from cooperative.scene._typed import built, parse, read_scene, rested, source_of
 from cooperative.scene._variants import BASE, RANKED, Variant, campaigns_of, variants, with_measured_of_base
@@ -47,6 +45,7 @@ from cooperative.scene.tables import (
     Hydraulics,
     InclinedStrata,
     LimitLoad,
+    LongerSlides,
     Measured,
     Motion,
     Plan,
@@ -82,6 +81,7 @@ __all__ = [
     "Hydraulics",
     "InclinedStrata",
     "LimitLoad",
+    "LongerSlides",
     "Measured",
     "Motion",
     "Plan",
@@ -101,13 +101,14 @@ __all__ = [
     "check_cells",
     "check_samples",
     "check_scene",
-    "check_seams",
     "compare_projections",
     "doubts",
     "factors_of_safety",
     "failing_volume",
     "in_folder",
     "json_schema",
+    "keep",
+    "kept",
     "limit_load_factor",
     "markdown",
     "measure",
@@ -120,14 +121,10 @@ __all__ = [
     "rested",
     "settled",
     "source_of",
-    "stored_budget",
     "stored_measured",
     "to_toml",
     "toml_value",
     "variants",
     "with_measured",
     "with_measured_of_base",
-    "write_budget",
-    "write_measured",
-    "write_slides_end",
 ]

@@ -20,7 +20,7 @@ from pydantic_core import ArgsKwargs
 
 from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import ElementAtRisk, front_thickness, size_of_slope
-from cooperative.scene._site import Site, SiteLayer, check_seams, check_site, has_friction
+from cooperative.scene._site import Site, SiteLayer, check_site, has_friction
 from cooperative.scene.tables import (
     CONDUCTIVITY,
     LIMITS,
@@ -389,16 +389,20 @@ def check_samples(campaign: Campaign) -> None:
         )  # fmt: skip
 
 
-def check_cells(campaign: Campaign) -> None:
+def check_cells(campaign: Campaign, grid: str = "refined") -> None:
     """Check what the solver's grids need, and a factor of safety by slices does not.
 
     Args:
         campaign: the campaign.
+        grid: by name.
 
     Raises:
-        ValueError: a weak layer is too thin for the cells of the refined grid.
+        Invalid: a weak layer is too thin for the cells of the grid.
     """
-    check_seams(campaign.site, campaign.grids["refined"].cell)
+    for layer, thickness in zip(campaign.site.layers, campaign.site.thicknesses, strict=True):
+        thin = thickness.too_thin(campaign.grids[grid].cell)
+        if thin is not None and not getattr(layer.layer.soil, "unusual", False):
+            raise Invalid((layer.label,), None, f"{thin} If that is intended, give its soil unusual = true", "")
 
 
 def check_campaign(campaign: Campaign) -> None:

@@ -20,17 +20,17 @@ results of all.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Protocol
 
 import jax
 
 from cooperative.scene._campaign import Campaign
+from cooperative.scene._stored import keep
 from cooperative.scene.tables import Calibration, LimitLoad, Measured
-from cooperative.store import GRIDS, MEASURED, Store, store_text
+from cooperative.store import GRIDS, Store
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve
 from jaxmpm.run import FactorOfSafety
 from jaxmpm.support.check import Invalid
@@ -68,7 +68,7 @@ def measure(campaign: Campaign, store: Store, terms: Sequence[int], grids: Mappi
     """
 
     def stored(measured: Measured) -> Campaign:
-        write_measured(store, measured)
+        keep(store, measured)
         return replace(campaign, measured=measured)
 
     if campaign.measured.terms is None and terms:  # none where a water level alone is random
@@ -79,20 +79,6 @@ def measure(campaign: Campaign, store: Store, terms: Sequence[int], grids: Mappi
     if campaign.plan.calibrate and campaign.measured.calibration is None:
         campaign = stored(replace(campaign.measured, calibration=factors_of_safety(campaign, grids)))
     return campaign
-
-
-def write_measured(store: Store, measured: Measured) -> None:
-    """Keep what a campaign has measured in its database.
-
-    Args:
-        store: the campaign's folder.
-        measured: all of it.
-
-    Raises:
-        OSError: the disk refuses.
-    """
-    numbers = {name: value for name, value in asdict(measured).items() if value is not None}
-    store_text(store, MEASURED, json.dumps(numbers))
 
 
 def factors_of_safety(campaign: Campaign, grids: Mapping[str, MeasuredGrid]) -> Calibration:

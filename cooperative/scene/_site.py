@@ -273,14 +273,6 @@ def _at_least_strength(soil: AnySoil) -> AnySoil:
     return replace(soil, strength=soil.strength_minimum, strength_ratio=None, strength_minimum=None)
 
 
-def check_seams(site: Site, cell: float) -> None:
-    """Raise ValueError for a weak layer that is too thin for the cells (m) of the solver's refined grid."""
-    for layer, thickness in zip(site.layers, site.thicknesses, strict=True):
-        thin = thickness.too_thin(cell)
-        if thin is not None and not getattr(layer.layer.soil, "unusual", False):
-            raise ValueError(f"{layer.label} {thin} If that is intended, give its soil unusual = true")
-
-
 def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
     """Raise ValueError for ground and soil that do not go together.
 

@@ -7,9 +7,10 @@ rough runs that broke off.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 from cooperative.estimate import Estimator, Sampling
 from cooperative.scene import tables
@@ -109,7 +110,7 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None, slides_t_
 
     Raises ValueError for no more than is allowed already, or an estimator without such a setting.
     """
-    stored = _content(folder, SLIDES_END, tables.LongerSlides)
+    stored = kept(folder, tables.LongerSlides)
     if stored is not None:
         campaign = replace(campaign, run=replace(campaign.run, slides_t_end=stored.t_end))
     if slides_t_end is not None:
@@ -122,7 +123,7 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None, slides_t_
                 "leave it out"
             )
         campaign = replace(campaign, run=replace(campaign.run, slides_t_end=float(slides_t_end)))
-    budget = stored_budget(folder)
+    budget = kept(folder, tables.Budget)
     if refined_runs is not None:
         budget = _more(campaign, budget, refined_runs)
     if budget is not None and not isinstance(campaign.estimator, tables.FromScript):
@@ -159,42 +160,26 @@ def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -
     return tables.Budget(refined_runs, scene)
 
 
-def write_budget(store: Store, budget: tables.Budget) -> None:
-    """Keep the refined runs allowed in a campaign's database.
+KEPT: Mapping[type[tables.Part], str] = {
+    tables.Measured: MEASURED,
+    tables.Budget: BUDGET,
+    tables.LongerSlides: SLIDES_END,
+}
+"""What a campaign's database holds beside its scene, by the name it has there."""
+
+
+def keep(store: Store, part: tables.Part) -> None:
+    """Keep what a campaign has measured, or what its folder allows, in its database.
 
     Args:
         store: the campaign's folder.
-        budget: refined runs allowed.
+        part: one of `KEPT`.
 
     Raises:
         OSError: the disk refuses.
     """
-    store_text(store, BUDGET, json.dumps(asdict(budget)))
-
-
-def write_slides_end(store: Store, t_end: float) -> None:
-    """Keep until when slides go on in a campaign's database.
-
-    Args:
-        store: the campaign's folder.
-        t_end: that time (s).
-
-    Raises:
-        OSError: the disk refuses.
-    """
-    store_text(store, SLIDES_END, json.dumps(asdict(tables.LongerSlides(t_end))))
-
-
-def stored_budget(folder: Path) -> tables.Budget | None:
-    """The refined runs that a campaign's folder allows beyond its scene, None where it does not.
-
-    Args:
-        folder: of the campaign.
-
-    Raises:
-        ValueError: the database cannot be trusted.
-    """
-    return _content(folder, BUDGET, tables.Budget)
+    numbers = {name: value for name, value in asdict(cast(Any, part)).items() if value is not None}
+    store_text(store, KEPT[type(part)], json.dumps(numbers))
 
 
 def stored_measured(folder: Path) -> tables.Measured:
@@ -206,7 +191,7 @@ def stored_measured(folder: Path) -> tables.Measured:
     Raises:
         ValueError: the database cannot be trusted.
     """
-    return _content(folder, MEASURED, tables.Measured) or tables.Measured()
+    return kept(folder, tables.Measured) or tables.Measured()
 
 
 def with_measured(campaign: Campaign, folder: Path) -> Campaign:
@@ -231,16 +216,22 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
     return replace(campaign, measured=replace(campaign.measured, **known)) if known else campaign
 
 
-def _content(folder: Path, name: str, table: type[T]) -> T | None:
-    """What the database of a folder holds by this name, None where there is nothing.
+def kept(folder: Path, part: type[T]) -> T | None:
+    """What a campaign's folder keeps of this kind, None where there is nothing.
 
-    Raises ValueError where it cannot be trusted.
+    Args:
+        folder: of the campaign.
+        part: one of `KEPT`.
+
+    Raises:
+        ValueError: the database cannot be trusted.
     """
+    name = KEPT[part]
     text = stored_text(folder, name)
     if text is None:
         return None
     try:
-        return tables.read(table, json.loads(text), name)
+        return tables.read(part, json.loads(text), name)
     except (ValueError, RecursionError) as error:
         path = folder / DATABASE
         raise ValueError(

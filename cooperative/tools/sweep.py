@@ -50,12 +50,12 @@ from cooperative.scene import (
     Variant,
     campaign_of,
     check_samples,
+    keep,
     parse,
     source_of,
     stored_measured,
     variants,
     with_measured_of_base,
-    write_measured,
 )
 from cooperative.store import GRIDS, Rows, Source, open_store, own_folder, read_store, source_from, write_aside
 from cooperative.summary import Summary, summarise
@@ -167,7 +167,7 @@ def _take_runs_of_base(folder: Path, base: Summary) -> None:
 def _write_measured(folder: Path, measured: Measured) -> None:
     """Keep numbers in the database of one campaign."""
     with open_store(folder, read_store(folder).source) as store:
-        write_measured(store, measured)
+        keep(store, measured)
 
 
 def _run_all(parts: list[Variant], folder: Path, *, workers: int, progress: bool) -> Content:

@@ -16,7 +16,7 @@ from cooperative.scene import (
     Campaign,
     RandomField,
     Site,
-    check_seams,
+    check_cells,
     doubts,
     failing_volume,
     limit_load_factor,
@@ -165,7 +165,7 @@ def factor_of_safety(
     if not solver:
         return result
     try:
-        check_seams(campaign.site, campaign.grids[grid].cell)
+        check_cells(campaign, grid)
         if model is None:
             model, coefficients = _built(campaign, grid, sample)
     except ValueError as error:

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.robustness.invented import SCENE
 from cooperative import campaign, reporting
 from cooperative.__main__ import main
-from cooperative.scene import Budget, campaign_of, stored_budget
+from cooperative.scene import Budget, campaign_of, kept
 from cooperative.store import open_store, read_rows, read_store
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.campaign.test_cli import invented_campaign
@@ -88,9 +88,9 @@ def test_a_budget_that_is_none_is_named(content, tmp_path):
     open_store(tmp_path, SCENE).close()
     keep(tmp_path, "budget", content)
     with pytest.raises(ValueError, match=r"campaign\.db holds no budget that .*delete from campaign"):
-        stored_budget(tmp_path)
+        kept(tmp_path, Budget)
     by_sql(tmp_path, "update campaign set value = '{}' where name = 'budget'")
     with pytest.raises(ValueError, match=r"campaign\.db holds another budget than was written: .*delete from campaign"):
-        stored_budget(tmp_path)
+        kept(tmp_path, Budget)
     by_sql(tmp_path, "delete from campaign where name = 'budget'")
-    assert stored_budget(tmp_path) is None
+    assert kept(tmp_path, Budget) is None

@@ -7,7 +7,8 @@ import pytest
 import jaxmpm as mpm
 from benchmarks.robustness.invented import TINY
 from cooperative import run, runs
-from cooperative.scene import Calibration, LimitLoad, Measured, campaign_of, measure_limit_load, parse, write_measured
+from cooperative.scene import Calibration, LimitLoad, Measured, campaign_of, measure_limit_load, parse
+from cooperative.scene import keep as keep_measured
 from cooperative.store import open_store, read_rows, read_store
 from tests.databases import keep, stored
 
@@ -117,7 +118,7 @@ def test_a_scene_says_how_much_soil_is_a_failure(monkeypatch):
 def test_a_stored_limit_load_is_checked_like_a_scenes(tmp_path):
     with open_store(tmp_path, PLASTIC) as store:
         load = {"factor": 1.1, "displacement": 0.3, "volume": 3.0}
-        write_measured(store, Measured(limit_load=LimitLoad(**load)))
+        keep_measured(store, Measured(limit_load=LimitLoad(**load)))
         campaign = campaign_of(store)
     assert (campaign.run.failure_displacement, campaign.failing_volume) == (0.3, 3.0)
     keep(tmp_path, "measured", {"limit_load": load | {"displacement": -1}})
