@@ -309,9 +309,13 @@ class _Toml(GenerateJsonSchema):
         )
 
 
-@cache
 def schema_of(table: type) -> Schema:
     """JSON schema (draft 2020-12) of a table."""
+    return _schema_of(table)
+
+
+@cache
+def _schema_of(table: type) -> Schema:
     return TypeAdapter(table).json_schema(schema_generator=_Toml)
 
 
