@@ -115,7 +115,6 @@ def cases() -> list[Case]:
             answer.append(Case("two-phase", pf, r, samples, runs))
             answer.append(Case("published n/N", pf, r, samples, runs))
             if pf > 2e-3:
-                answer.append(Case("two-phase, ranked prefix", pf, r, samples, runs))
                 answer.append(Case("control variate", pf, r, samples, runs))
             else:
                 answer.append(Case("subset simulation, two-phase", pf, r, 500, 400))

@@ -119,10 +119,10 @@ def draw(case: Case, generator: np.random.Generator) -> tuple[np.ndarray, np.nda
     return np.exp(rough - norm.isf(ROUGH_FAILS * max(case.pf, NEVER))), failed
 
 
-def _two_phase(case: Case, displacement: np.ndarray, failed: np.ndarray, seed: int, k_t: int | None) -> Estimate:
+def _two_phase(case: Case, displacement: np.ndarray, failed: np.ndarray, seed: int) -> Estimate:
     population = Population(displacement)
     if case.target_cov is None:
-        plan = AuditPlan(runs=case.runs, seed=seed, k_t=k_t, growth=0.25 if case.runs < 200 else 0.5)
+        plan = AuditPlan(runs=case.runs, seed=seed, growth=0.25 if case.runs < 200 else 0.5)
     else:
         plan = TwoPhase(refined_runs=case.runs, target_cov=case.target_cov, seed=seed).audit(population)
     return two_phase(population, dict(enumerate(failed.tolist())), plan)
@@ -137,8 +137,7 @@ def _in_order(
 
 
 METHODS: dict[str, Callable[[Case, np.ndarray, np.ndarray, int], Estimate]] = {
-    "two-phase": lambda case, rough, failed, seed: _two_phase(case, rough, failed, seed, None),
-    "two-phase, ranked prefix": lambda case, rough, failed, seed: _two_phase(case, rough, failed, seed, 8),
+    "two-phase": _two_phase,
     "published n/N": lambda case, rough, failed, seed: published(
         rough, dict(enumerate(failed.tolist())), max(case.samples // 50, 5)
     ),

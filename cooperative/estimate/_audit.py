@@ -42,8 +42,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cooperative.estimate._protocol import Answers, Population
-from cooperative.estimate._ranking import next_refined, stopping_rank
+from cooperative.estimate._protocol import Population
 
 
 @dataclass(frozen=True)
@@ -53,10 +52,8 @@ class AuditPlan:
     The same plan and results always ask for the same runs.
 
     Args:
-        runs: refined runs in all, the ranked prefix included.
+        runs: refined runs in all.
         seed: of the draws.
-        k_t: run the ranked prefix down to k_t consecutive standing samples first, as a stratum that is known with
-            certainty; None for no prefix.
         target_cov: stop earlier, after the runs that the estimator takes for this coefficient of variation, as
             `cooperative.estimate._twophase` fixes them.
         first_wave: a wave has the larger of `first_wave` runs and the share `growth` of those before.
@@ -69,7 +66,6 @@ class AuditPlan:
 
     runs: int
     seed: int = 0
-    k_t: int | None = None
     target_cov: float | None = None
     first_wave: int = 8
     growth: float = 0.25
@@ -178,21 +174,6 @@ def check_weights(population: Population, weight: np.ndarray, count: int) -> Non
         raise ValueError("weighted samples are not independent: give the replicate that each came from, or its zone")
     if population.replicate is not None and np.unique(population.replicate).size < 2:
         raise ValueError("replicate names fewer than 2 independent runs: give at least 2, better 8")
-
-
-def certainty_stratum(refined: Answers, plan: AuditPlan, order: np.ndarray, lost: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ranks known with certainty, and those among them that are still to run."""
-    if plan.k_t is None:
-        return np.arange(lost), np.zeros(0, dtype=int)
-    most = max(plan.runs // 2, lost)
-    rank = stopping_rank(order[:most], refined, plan.k_t)
-    if rank is not None:
-        return np.arange(max(rank, lost)), np.zeros(0, dtype=int)
-    displacement = -np.arange(most, dtype=float)
-    ranked = {at: refined[int(sample)] for at, sample in enumerate(order[:most]) if int(sample) in refined}
-    missing = np.array(next_refined(displacement, ranked, plan.k_t, most), dtype=int)
-    prefix = np.array([at for at in ranked if at < missing.min()], dtype=int)
-    return np.union1d(prefix, np.arange(lost)), missing
 
 
 def draw_wave(

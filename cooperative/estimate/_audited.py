@@ -45,7 +45,7 @@ class Audited(Budgeted):
     seed: int = field(default=0, kw_only=True)
 
     def audit(self, population: Population) -> AuditPlan:
-        """Budget and waves of the refined runs; no ranked prefix, which costs more than it brings."""
+        """Budget and waves of the refined runs."""
         if population.shared is not None and population.shared.runs is not None:
             return AuditPlan(population.shared.runs, self.seed, growth=self.growth, exploration=self.exploration)
         return AuditPlan(

@@ -36,7 +36,6 @@ from cooperative.estimate._audit import (
     AuditTotal,
     Wave,
     audit_total,
-    certainty_stratum,
     check_plan,
     check_weights,
     draw_variance,
@@ -90,7 +89,7 @@ class _Replay:
 def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> list[int]:
     """Samples to run on the refined grid next, those in most doubt first; all may run at once.
 
-    Empty when finished. First the rough runs that broke off and the ranked prefix, then wave by wave.
+    Empty when finished. First the rough runs that broke off, then wave by wave.
 
     Args:
         population: samples of the first phase.
@@ -220,13 +219,13 @@ def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Itera
     there, value = np.zeros(count, bool), np.full(count, np.nan)
     there[samples], value[samples] = True, results
     there, value = there[order], value[order]
-    certain, missing = certainty_stratum(refined, plan, order, lost)
+    certain = np.arange(lost)
     shared, doubt, common, of_samples = population.shared, None, None, None
     if shared is not None:
         doubt, common = (np.asarray(values)[population.numbers[order]] for values in (shared.doubt, shared.model))
         of_samples = order
         certain = np.union1d(certain, np.flatnonzero(np.isin(population.numbers[order], shared.certain)))
-    missing = np.union1d(missing, certain[~there[certain]])
+    missing = certain[~there[certain]]
     settled = there & np.isin(np.arange(count), certain)
     waves: list[Wave] = []
     draw_weights, rest, most = [np.zeros(0)], 1.0, min(plan.runs, count) - certain.size

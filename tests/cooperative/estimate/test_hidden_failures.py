@@ -130,5 +130,5 @@ def test_soil_that_fails_throughout_does_not_speak_against_the_ranks():
     assert not any("MISLEAD" in note for note in estimate.notes)
     # One that stands at the top of the ranking, and the failures below it are a surprise.
     fails[np.argmax(displacement)] = False
-    estimate = two_phase(Population(displacement), answers(fails), AuditPlan(runs=20, k_t=1))
+    estimate = two_phase(Population(displacement), answers(fails), AuditPlan(runs=90))
     assert any(note.startswith("THE RANKS MISLEAD") for note in estimate.notes)
