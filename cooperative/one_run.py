@@ -104,10 +104,9 @@ def slide(
     """
     check.positive("divide", divide)
     check.whole("frames", frames, 2)
-    if sample is not None and (mean or not 0 <= sample < campaign.plan.samples or not campaign.varies):
-        why = "nothing in the scene is random" if not campaign.varies else "mean soil is that of no sample"
-        why = why if mean or not campaign.varies else f"the scene has samples 0 to {campaign.plan.samples - 1}"
-        raise ValueError(f"sample = {sample}: {why}")
+    campaign.check_sample(sample)
+    if mean and sample is not None:
+        raise ValueError(f"sample = {sample}: mean soil is that of no sample")
     soil = runs.random_soil(campaign)
     coefficients = np.zeros(soil.modes) if sample is None else runs.coefficients_of(campaign, soil)[sample]
     model = runs.build(campaign := _certain(campaign) if mean else campaign, grid, runs.random_soil(campaign))

@@ -61,10 +61,7 @@ def draw(campaign: Campaign, *paths: Path, sample: int | None = None) -> None:
             together; a name has no picture's ending, or a page is asked for of a section.
     """
     check_cells(campaign)
-    if sample is not None and not campaign.varies:
-        raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
-    if sample is not None and not 0 <= sample < campaign.plan.samples:
-        raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
+    campaign.check_sample(sample)
     if unknown := [
         path for path in paths if path.suffix[1:] not in ("html", *Figure().canvas.get_supported_filetypes())
     ]:

@@ -178,6 +178,22 @@ class Campaign(Part):
         """Whether anything in it is random: soil, contact, conductivity or water level."""
         return bool(self.random) or bool(self.conductivities) or self.site.level is not None
 
+    def check_sample(self, number: int | None) -> None:
+        """Check the number of a sample.
+
+        Args:
+            number: of the sample, None for median soil.
+
+        Raises:
+            Invalid: it has no such sample.
+        """
+        if number is None:
+            return
+        if not self.varies:
+            raise Invalid(("sample",), str(number), "is given, and nothing in the scene is random", "leave it out")
+        if not 0 <= number < self.plan.samples:
+            raise Invalid(("sample",), str(number), "", f"the scene has samples 0 to {self.plan.samples - 1}")
+
     @property
     def hydraulics(self) -> tuple[tuple[Hydraulics, ...], ...]:
         """The tables of the flow from which each layer, or all of the ground, has its numbers; none without water."""

@@ -185,10 +185,7 @@ def of_own_flow(campaign: Campaign, sample: int | None) -> Campaign:
     Raises:
         ValueError: the campaign has no such sample.
     """
-    if sample is not None and not campaign.varies:
-        raise ValueError(f"sample = {sample}, but nothing in the scene is random: leave it out")
-    if sample is not None and not 0 <= sample < campaign.plan.samples:
-        raise ValueError(f"sample = {sample}: the scene has samples 0 to {campaign.plan.samples - 1}")
+    campaign.check_sample(sample)
     if not campaign.conductivities:
         return campaign
     return under_own_flow(campaign, *_drawn(campaign, sample))

@@ -95,7 +95,7 @@ def test_a_scene_without_anything_random_is_checked_and_drawn(tmp_path, capsys):
     assert main(["draw", str(scene)]) == 0
     assert scene.with_suffix(".png").stat().st_size > 10_000
     assert main(["draw", str(scene), "--sample", "0"]) == 2
-    assert "sample = 0, but nothing in the scene is random: leave it out" in capsys.readouterr().err
+    assert "sample = 0 is given, and nothing in the scene is random: leave it out" in capsys.readouterr().err
 
 
 def test_a_scene_without_anything_random_is_drawn_by_its_strength():

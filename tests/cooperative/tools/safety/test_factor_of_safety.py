@@ -226,7 +226,7 @@ def test_a_scene_that_is_refused_leaves_no_folder(tmp_path, capsys):
     scene = tmp_path / "certain.toml"
     scene.write_text(CERTAIN)
     assert main(["fos", str(scene), "--quick", "--sample", "0"]) == 2
-    assert "sample = 0, but nothing in the scene is random: leave it out" in capsys.readouterr().err
+    assert "sample = 0 is given, and nothing in the scene is random: leave it out" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == [scene]
 
 
