@@ -1,7 +1,7 @@
 """Constitutive laws: (parameters, strain increment, stress, history) -> (stress, history)."""
 
 from jaxmpm.laws._anisotropic import AnisotropicUndrained, Mobilisation
-from jaxmpm.laws._base import Law, reduce_strength, snaps_back
+from jaxmpm.laws._base import Law, reduce_strength, snaps_back, stiffened
 from jaxmpm.laws._base_motion import BaseMotion
 from jaxmpm.laws._cam_clay import Consolidation, ModifiedCamClay
 from jaxmpm.laws._element import ElementTest, element_test
@@ -58,6 +58,7 @@ __all__ = [
     "remembers_gap",
     "snaps_back",
     "softened",
+    "stiffened",
     "update_with_gap",
     "volumetric",
     "weakens_until",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -59,8 +59,9 @@ class AnisotropicUndrained(Law):
     shear on horizontal planes is scaled by r = (active + passive) / (2 simple), yields where its sqrt(J2) is
     k (active + passive) / 2. a is the deviator that carries half the difference of active and passive. The mobilised
     share k = 2 sqrt(g / failure_strain) / (1 + g / failure_strain) grows from 0 at the stress at rest to 1 at the
-    plastic shear strain g of failure_strain. So the clay yields from its stress at rest on, and fails in plane strain
-    at the active, direct simple and passive strengths.
+    plastic shear strain g of failure_strain. A stress at rest beyond the strength counts as one at it. So the
+    clay yields from its stress at rest on, and fails in plane strain at the active, direct simple and passive
+    strengths.
 
     It differs from NGI-ADP in three ways: one failure_strain serves all directions, the criterion is that of Mises,
     which gives sqrt(3) / 2 (active + passive) + active - passive for q in triaxial compression, and flow has the
@@ -104,6 +105,10 @@ class AnisotropicUndrained(Law):
         kept = CARRIED[_dimension(history)]
         return history._replace(rest=tuple(jnp.broadcast_to(shearing[k], history.strain.shape) for k in kept))
 
+    def stiffened(self, bulk: Array, shear: Array, pressure: Array) -> AnisotropicUndrained:
+        """The clay with other moduli (Pa), which fails at the strain that they give its strength."""
+        return replace(self, bulk=bulk, shear=shear, failure_strain=self.simple / shear)
+
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: Mobilisation, dt: Array | None = None
     ) -> tuple[Tensor, Mobilisation]:
@@ -124,7 +129,8 @@ class AnisotropicUndrained(Law):
         carried = CARRIED[_dimension(history)]
         rest = placed(zip(carried, history.rest, strict=True))
         before = jnp.minimum(safe_sqrt(history.strain / self.failure_strain), 1)
-        step = _Step(deviator(trial), rest, self, before, 0 if len(carried) == len(CARRIED[1]) else 2)
+        upright = 0 if len(carried) == len(CARRIED[1]) else 2
+        step = _Step(deviator(trial), self._borne(rest, upright), self, before, upright)
         yielding = ~(step.excess(before)[0] >= 1)
         x = jnp.where(yielding, _root(step), before)
         share, flow = step.excess(x)
@@ -133,7 +139,30 @@ class AnisotropicUndrained(Law):
             lambda s, o: s if absent(s) else o + share * (s - o), step.trial, step.offset(mobilised(x))
         )
         result = row_by_row(with_mean(deviatoric, pressure))
-        return result, history._replace(strain=history.strain + jnp.where(yielding, flow, 0.0))
+        return result, history._replace(strain=history.strain + jnp.where(yielding, jnp.maximum(flow, 0), 0.0))
+
+    def _failure_centre(self, upright: int) -> Tensor:
+        """Deviator (Pa) in the middle between the active and the passive strength."""
+        half = (self.active - self.passive) / 3
+        return placed((i, -2 * half if i == upright else half) for i in range(3))
+
+    def _size(self, deviatoric: Tensor) -> Array:
+        """sqrt(J2) of a deviator (Pa) whose shear on horizontal planes is scaled."""
+        ratio = (self.active + self.passive) / (2 * self.simple)
+        pairs = ((s, i in SHEARS_OF_VERTICAL and not absent(s)) for i, s in enumerate(deviatoric))
+        return safe_sqrt(second_invariant([ratio * s if on_horizontal else s for s, on_horizontal in pairs]))
+
+    def _borne(self, rest: Tensor, upright: int) -> Tensor:
+        """The deviator at rest (Pa) that the full strength bears, towards its middle from one that it does not bear.
+
+        From beyond the strength less hardening would be a way out, so that the hardening of a step had two solutions.
+        """
+        centre, strength = self._failure_centre(upright), (self.active + self.passive) / 2
+        beyond = by_component(lambda s, o: s if absent(s) else s - o, rest, centre)
+        size = self._size(beyond)
+        borne = size <= strength
+        share = jnp.where(borne, 1.0, strength / jnp.where(borne, 1.0, size))
+        return by_component(lambda s, o, r: r if absent(r) else o + share * s, beyond, centre, rest)
 
 
 def _dimension(history: Mobilisation) -> int:
@@ -156,19 +185,21 @@ class _Step(NamedTuple):
 
     def offset(self, k: Array) -> Tensor:
         """Centre of the criterion at the mobilised share k."""
-        half = k * (self.law.active - self.law.passive) / 3
-        faded = by_component(lambda s: s if absent(s) else (1 - k) * s, self.rest)
-        return placed((i, s + (-2 * half if i == self.upright else half) if i < 3 else s) for i, s in enumerate(faded))
+        failed = self.law._failure_centre(self.upright)
+        return by_component(lambda s, o: s if absent(s) else (1 - k) * s + k * o, self.rest, failed)
 
     def excess(self, x: Array) -> tuple[Array, Array]:
-        """Share of the trial deviator from the centre that the criterion leaves, and the plastic shear strain then."""
+        """Share of the trial deviator from the centre that the criterion leaves, and the plastic shear strain then.
+
+        The share is 1 within the criterion, where the strain goes on below 0, so that a root has no kink beside it.
+        """
         k, law = mobilised(x), self.law
-        ratio = (law.active + law.passive) / (2 * law.simple)
         from_centre = by_component(lambda s, o: s if absent(s) else s - o, self.trial, self.offset(k))
-        scaled = [ratio * s if i in SHEARS_OF_VERTICAL and not absent(s) else s for i, s in enumerate(from_centre)]
-        t = safe_sqrt(second_invariant(scaled))
-        share = jnp.where(t == 0, jnp.inf, k * (law.active + law.passive) / 2 / jnp.where(t == 0, 1, t))
-        return share, (1 - jnp.minimum(share, 1)) * safe_sqrt(second_invariant(from_centre)) / law.shear
+        t, size = law._size(from_centre), k * (law.active + law.passive) / 2
+        none, within = t == 0, t <= size
+        unscaled = jnp.where(none, 1.0, safe_sqrt(second_invariant(from_centre)) / jnp.where(none, 1.0, t))
+        share = jnp.where(within, 1.0, size / jnp.where(within, 1.0, t))
+        return share, (t - size) * unscaled / law.shear
 
     def residual(self, x: Array) -> Array:
         """Flow to the criterion at x, less the flow that mobilises x, over failure_strain."""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxmpm.grid import Particles
-from jaxmpm.laws._parameter import with_strength_divided
+from jaxmpm.laws._parameter import with_parameters, with_strength_divided
 from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.support.check import Limit, above_zero
 
@@ -71,6 +71,26 @@ def reduce_strength(material: Kind, factor: Array) -> Kind:
         ValueError: If the law has no strength.
     """
     return material.reduced(factor)
+
+
+def stiffened(material: Kind, bulk: Array, shear: Array, pressure: Array) -> Kind:
+    """A law with other moduli, whose strength is the same: what a limit load is sought with.
+
+    A law whose strains at failure follow from other numbers than the moduli has a method of this name and these
+    arguments, which scales them too.
+
+    Args:
+        material: a law with parameters `bulk` and `shear`.
+        bulk: () or (N,) bulk modulus (Pa).
+        shear: () or (N,) shear modulus (Pa).
+        pressure: () or (N,) mean stress of the deepest soil (Pa), at which a stiffness that grows with stress is these.
+
+    Returns:
+        The law.
+    """
+    if hasattr(material, "stiffened"):
+        return material.stiffened(bulk, shear, pressure)
+    return with_parameters(material, {"bulk": bulk, "shear": shear})
 
 
 def snaps_back(material: Material) -> Array | None:

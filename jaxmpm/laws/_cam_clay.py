@@ -7,7 +7,7 @@ strains are positive in compression.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -40,6 +40,10 @@ class Consolidation(NamedTuple):
     vertical: Array
     mean: Array
     compaction: Array
+
+
+STIFFER = 8.0
+"""Stiffness at which a limit load is sought, over that of soil that does not harden: near failure strains multiply."""
 
 
 @pytree
@@ -99,6 +103,16 @@ class ModifiedCamClay(Law):
             for component in (stress[upright], mean(stress))
         )
         return history._replace(vertical=vertical, mean=middle)
+
+    def stiffened(self, bulk: Array, shear: Array, pressure: Array) -> ModifiedCamClay:
+        """The clay with STIFFER times these moduli (Pa) from a mean stress `pressure` (Pa) on, compression to match.
+
+        At the critical state neither shows, and so long as the clay hardens its limit load is that of the critical
+        state.
+        """
+        swelling = pressure / (STIFFER * bulk)
+        moduli = {"bulk": STIFFER * bulk, "shear": STIFFER * shear}
+        return replace(self, swelling=swelling, compression=2 * swelling, **moduli)
 
     def preconsolidation(self, history: Consolidation) -> Array:
         """Size p_c of the ellipse (N,) Pa."""

@@ -15,6 +15,7 @@ from jax.tree_util import PyTreeDef
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Particles
+from jaxmpm.laws._base import stiffened
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
 from jaxmpm.laws._undrained import at_time
@@ -137,6 +138,11 @@ class Zoned:
             raise ValueError(f"no zone of {_names(self)} has strength to divide: give one that has")
         pairs = zip(self.laws, strong, strict=True)
         return replace(self, laws=tuple(law.reduced(factor) if divided else law for law, divided in pairs))
+
+    def stiffened(self, bulk: Array, shear: Array, pressure: Array) -> Zoned:
+        """The law with other moduli (Pa) in every zone, see `jaxmpm.laws.stiffened`."""
+        parts = ((law, _of_zone((bulk, shear, pressure), span)) for law, span in self.zones)
+        return replace(self, laws=tuple(stiffened(law, *numbers) for law, numbers in parts))
 
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: History, dt: Array | None = None

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
-from jaxmpm.laws import declared, weakens_until, with_parameters
+from jaxmpm.laws import declared, laws_of, stiffened, weakens_until
 from jaxmpm.run._early import elastic_period
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._stopping import Exceeds, farthest
@@ -88,8 +88,9 @@ def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
     if _softens(scene) or not {"bulk", "shear"} <= declared(scene.material).keys():
         return scene
     dtype, height = scene.particles.mass.dtype, heights(scene)[0]
-    bulk, shear = (jnp.asarray(modulus, dtype) for modulus in moduli(young * _weight(scene) * height, POISSON))
-    material = with_parameters(scene.material, {"bulk": bulk, "shear": shear})
+    stress = _weight(scene) * height
+    numbers = (jnp.asarray(number, dtype) for number in (*moduli(young * stress, POISSON), stress))
+    material = stiffened(scene.material, *numbers)
     # Time steps allow for the sum of the wave speed and that of a fall through half the height.
     fall = math.sqrt(_gravity(scene) * height)
     before, after = (fall + wave_speed(scene.particles, law) for law in (scene.material, material))
@@ -115,8 +116,10 @@ def least_failing_volume(height: float, dimension: int) -> float:
 
 
 def _softens(scene: Scene) -> bool:
-    """Whether soil or an interface softens."""
-    return scene.material.initial_history(scene.particles) is not None or scene.boundary.softening is not None
+    """Whether soil or an interface softens, or has a memory and no method `stiffened`."""
+    laws = laws_of(scene.material)
+    soil = any(law.initial_history(scene.particles) is not None and not hasattr(law, "stiffened") for law in laws)
+    return soil or scene.boundary.softening is not None
 
 
 def heights(scene: Scene) -> tuple[float, float]:
@@ -188,7 +191,7 @@ class Scale:
         young = 2 * (1 + POISSON) * float(np.min(np.asarray(scene.material.shear))) / (_weight(scene) * height)
         return cls(
             duration=min(t_end, max((SOFTENING_FALL if _softens(scene) else FALL) * fall, 2 * elastic)),
-            moves=min(MOVES / young, MOST) * height,
+            moves=min(MOVES / min(young, YOUNG), MOST) * height,
             far=FAR * height,
             volume=least_failing_volume(relief, scene.grid.dimension) if volume is None else volume,
         )

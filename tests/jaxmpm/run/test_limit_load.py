@@ -236,3 +236,83 @@ def test_other_criteria_and_times_too_short_are_refused():
     scene, state = mpm.slope(CUT, softening, mpm.Discretisation(1.0, (0.5, 0.5)))
     with pytest.raises(ValueError, match=r"t_end = 4 s, but soil this soft takes .* give [\d.]+ s or more"):
         mpm.factor_of_safety(scene, state, criterion="limit load", t_end=4.0)
+
+
+ENDLESS = mpm.Section([(0, 4), (2, 4)])
+TILT = 0.3
+"""Horizontal over vertical acceleration of a layer without ends, which stands for the tangent of a slope."""
+LAYERS = {
+    "mu(I)": (mpm.GranularSoil(30.0, 38.0, 0.01, unit_weight=18e3), np.tan(np.radians(30.0)) / TILT),
+    "Cam Clay": (mpm.CamClaySoil(0.1, 0.02, 1.0, unit_weight=18e3), 1.0 / np.sqrt(3) / TILT),
+    "anisotropic": (mpm.AnisotropicSoil(40e3, 30e3, 20e3, unit_weight=18e3), 30e3 / (18e3 * 3.5 * TILT)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", LAYERS)
+def test_an_endless_slope_fails_where_its_law_bears_no_more_in_simple_shear(kind):
+    """mu_s p, M p / sqrt(3) at the critical state, where the mean stress is the vertical one, and the simple strength.
+
+    Clay, which sticks to the base, shears in the lowest cell, half a cell above it, and grains at any height.
+    """
+    soil, exact = LAYERS[kind]
+    numerics = mpm.Discretisation(1.0, (0.5, 0.5), flip=0.9)
+    scene, state = mpm.section(ENDLESS, soil, numerics, k_h=TILT, ends="tied", speed=3.0)
+    result = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(0.5, 1.7 * exact))
+    assert result.kink == pytest.approx(exact, rel=0.05)
+
+
+def least_by_circles(section, weight, active, simple, passive):
+    """Upper bound of the factor: the least work of the strength along slip circles over that of the weight.
+
+    On a plane that dips by t downhill the strength is that of simple shear, and sin(2 t) times half the difference of
+    active and passive.
+    """
+    x_line, z_line = np.array(section).T
+    least = np.inf
+    for centre in np.stack(np.meshgrid(np.linspace(6, 13, 15), np.linspace(5.2, 12, 21)), axis=-1).reshape(-1, 2):
+        for bottom in np.linspace(0.0, 1.0, 5):
+            radius = centre[1] - bottom
+            x = centre[0] + radius * np.linspace(-1, 1, 2001)
+            z = centre[1] - np.sqrt(np.maximum(radius**2 - (x - centre[0]) ** 2, 0))
+            inside = np.flatnonzero(z < np.interp(x, x_line, z_line))
+            x, z = x[inside[0] : inside[-1] + 1], z[inside[0] : inside[-1] + 1]
+            height = np.interp(x, x_line, z_line) - z
+            if x[0] < x_line[0] or x[-1] > x_line[-1] or height.min() < 0:
+                continue
+            dx, dz = np.diff(x), np.diff(z)
+            strength = simple + (active - passive) / 2 * np.sin(2 * np.arctan2(-dz, dx))
+            weighed = weight * (height[1:] + height[:-1]) / 2 * dx * (centre[0] - (x[1:] + x[:-1]) / 2)
+            if weighed.sum() > 0:
+                least = min(least, radius * (strength * np.hypot(dx, dz)).sum() / weighed.sum())
+    return least
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("active", "passive"), [(1.0, 1.0), (1.3, 0.7)])
+def test_strength_by_direction_has_the_factor_of_slip_circles(active, passive):
+    section = [(0, 5), (6, 5), (12, 1), (20, 1)]
+    strengths = 16e3 * active, 16e3, 16e3 * passive
+    numerics = mpm.Discretisation(0.5, (0.25, 0.25), cell_average=True)
+    scene, state = mpm.section(mpm.Section(section), mpm.AnisotropicSoil(*strengths, unit_weight=20e3), numerics)
+    result = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(0.8, 2.2))
+    assert result.kink == pytest.approx(least_by_circles(section, 20e3, *strengths), rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["Cam Clay", "anisotropic"])
+def test_a_law_that_hardens_is_stiffened_and_keeps_its_strength(kind):
+    soil, cam = LAYERS[kind][0], kind == "Cam Clay"
+    strains = ("compression", "swelling") if cam else ("failure_strain",)
+    laws = []
+    for factor in (1.0, 3.0):
+        stiffer = {name: getattr(soil, name) / factor for name in strains} | (
+            {} if cam else {"young": factor * soil.young}
+        )
+        scene, _ = mpm.section(ENDLESS, replace(soil, **stiffer), COARSE, at_rest=False)
+        laws.append(limit_load_scene(scene).material)
+    assert all(np.allclose(a, b, rtol=1e-5) for a, b in zip(*map(jax.tree.leaves, laws), strict=True))
+    test = "triaxial drained" if cam else "simple shear undrained"
+    before = mpm.laws.element_test(soil.material(np.float32, 1.0), test, pressure=50e3, strain=1.0, steps=500)
+    after = mpm.laws.element_test(laws[0], test, pressure=50e3, strain=0.1, steps=500)
+    measure = "deviatoric" if cam else "shear_stress"
+    assert float(getattr(after, measure)[-1]) == pytest.approx(float(getattr(before, measure)[-1]), rel=0.01)
