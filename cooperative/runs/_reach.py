@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cooperative.scene import Campaign, remarks
-from jaxmpm.soil import AnySoil, FrictionalSoil, Soil
+from jaxmpm.soil import AnisotropicSoil, AnySoil, CamClaySoil, FrictionalSoil, GranularSoil, Soil
 
 POINTS = 2000
 """Of the surface behind the toe, and of the lengths of a deposit that are tried."""
@@ -126,12 +126,21 @@ def run_out(height: np.ndarray, behind: float, cohesion: float, friction: float)
 
 
 def _residual(soil: AnySoil, peak: float | None) -> tuple[float, float]:
-    """Cohesion (Pa) and friction coefficient that softening leaves, 0 of elastic soil.
+    """Cohesion (Pa) and friction coefficient on the base of a slide that softening leaves, 0 of elastic soil.
+
+    Cam Clay and grains have those of simple shear, at the critical state and at rest, strength by direction has that of
+    simple shear.
 
     Args:
         soil: whose strength it is.
         peak: undrained strength (Pa), None for the soil's own.
     """
+    if isinstance(soil, CamClaySoil):
+        return 0.0, float(np.mean(soil.critical_state)) / math.sqrt(3)
+    if isinstance(soil, GranularSoil):
+        return 0.0, math.tan(math.radians(float(np.mean(soil.static_friction))))
+    if isinstance(soil, AnisotropicSoil):
+        return float(np.mean(soil.simple_strength)), 0.0
     if isinstance(soil, FrictionalSoil):
         friction = soil.residual_friction if soil.softens else soil.friction
         return soil.residual_cohesion if soil.softens else soil.cohesion, math.tan(math.radians(friction))

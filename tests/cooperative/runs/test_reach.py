@@ -80,3 +80,28 @@ def test_a_weak_contact_lets_a_slide_go_farther_and_farther_once_it_softens():
     assert slide() == slide("friction = 40.0") < slide("friction = 12.0") < softened
     half = math.degrees(math.atan(math.tan(math.radians(12.0)) / 2))
     assert softened == pytest.approx(slide(f"friction = {half}"))
+
+
+OF_20_DEGREES = math.sqrt(3) * math.tan(math.radians(20.0))
+LAWS = {
+    "static_friction = 20.0\ndynamic_friction = 30.0\ngrain_size = 0.01": ("mu(I)", "cohesion = 0.0\nfriction = 20.0"),
+    f"compression = 0.1\nswelling = 0.02\ncritical_state = {OF_20_DEGREES}": (
+        "modified cam clay",
+        "cohesion = 0.0\nfriction = 20.0",
+    ),
+    "active_strength = 4e4\nsimple_strength = 3e4\npassive_strength = 2e4": ("anisotropic undrained", "strength = 3e4"),
+}
+
+
+@pytest.mark.parametrize("numbers", LAWS)
+def test_a_law_reaches_as_far_as_soil_of_its_strength_in_simple_shear(numbers):
+    law, as_far_as = LAWS[numbers]
+
+    def slide(numbers):
+        text = WEDGE % "" + tables(1.0)
+        varying = "unit_weight = { mean = 20e3, cov = 0.05, length = [20.0, 2.0] }\n"
+        young = "" if "compression" in numbers else "young = 5e7\n"
+        given = f"[soil]\n{varying}{young}poisson = 0.3\n{numbers}\n"
+        return reach_of(parse(text.replace(text[text.index("[soil]") : text.index("[rough]")], given))).slide
+
+    assert slide(f'law = "{law}"\n{numbers}') == pytest.approx(slide(as_far_as), rel=1e-6)
