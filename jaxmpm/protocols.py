@@ -77,7 +77,10 @@ class Material(Protocol):
         """History of undisturbed particles: an array (N,) or a pytree of them; None for a law without."""
 
     def history_at_rest(self, history: History, stress: Tensor) -> History:
-        """The initial history of soil at rest under a stress (Pa); the same for a law without memory of it."""
+        """The initial history of soil at rest under a stress (Pa); the same for a law without memory of it.
+
+        It is traced, as `update` is: compute with `jax.numpy`.
+        """
 
     def reduced(self, factor: Array) -> Self:
         """The law with its strength divided by `factor`: peak, residual, and the tangent of friction."""

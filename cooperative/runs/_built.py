@@ -82,7 +82,7 @@ def _effective_stress(campaign: Campaign, scene: Scene) -> jax.Array | None:
 
 def _refuse_unknown(random: Collection[str], scene: Scene) -> None:
     """Raise ValueError for what varies and is no parameter of the soil."""
-    names = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED]
+    names = [*declared(scene.material), "young", "poisson", "unit_weight", SATURATED, "k0"]
     names += [RATIO] if "strength" in names else []
     names += [name for name in CONTACT if getattr(scene.boundary, name.removeprefix("interface_")) is not None]
     unknown = [name for name in random if name not in names]

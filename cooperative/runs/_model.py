@@ -164,7 +164,7 @@ class GridModel:
     @property
     def own_start(self) -> bool:
         """Whether samples have an initial stress and a time step of their own: random stiffness, weight or water."""
-        return not {"young", "poisson", "unit_weight", LEVEL, PRESSURE}.isdisjoint(self.paths)
+        return not {"young", "poisson", "unit_weight", "k0", LEVEL, PRESSURE}.isdisjoint(self.paths)
 
     def refuse_own_start(self) -> None:
         """Raise ValueError where samples have an initial stress of their own, which a gradient would leave out."""
@@ -367,6 +367,8 @@ class GridModel:
         if SATURATED in drawn or wetted(site, soil):
             weights = drawn.get(SATURATED), drawn.get("unit_weight")
             numbers["unit_weight"] = wet_or_dry(self.scene, site, soil, layer, *weights, level)
+        if "k0" in numbers:  # a layer without one has that of the scene
+            numbers["k0"] = jnp.where(jnp.isnan(numbers["k0"]), self.scene.loads.k0, numbers["k0"])
         if self.stress is not None:
             grown = by_stress(site, soil, layer, self.stress, drawn.get(RATIO), numbers.get("strength"))
             numbers["strength"] = self._of_engineers("strength", grown)

@@ -32,7 +32,7 @@ from jaxmpm.setup import (
     pseudo_static,
     settled,
 )
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, weights
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, law_of_layers, ratio_at_rest, weights
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, product, require_known, taken
 from jaxmpm.types import Boundary, Loads, Scene, State
@@ -57,7 +57,6 @@ def scene_of(
     ends: Sequence[Hold] = ("roller", "roller"),
     speed: float | None = None,
     at_rest: bool = True,
-    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Fill ground with a lattice of particles, on a fixed base between upright walls.
 
@@ -74,8 +73,6 @@ def scene_of(
         ends: constraint of both walls along x, and along y.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the box.
         at_rest: with the stress of elastic gravity loading, else free of stress.
-        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
-            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -88,7 +85,7 @@ def scene_of(
     layers = list(soil) if isinstance(soil, Sequence) else [Layer(soil)]
     counts = cells(ground, discretisation)
     grid = box_grid(ground.corner, counts, discretisation.cell)
-    particles, law = lattice(ground, layers, discretisation, grid, inside=inside)
+    particles, law, k0 = lattice(ground, layers, discretisation, grid, inside=inside)
     upright = len(ground.corner) - 1
     walls = [wall for axis, hold in enumerate(ends[:upright]) for wall in end_walls(axis, counts[axis], hold)]
     built, state = build(
@@ -112,8 +109,8 @@ def lattice(
     inside: Callable[[np.ndarray], np.ndarray] | None = None,
     bedrock: Heights | None = None,
     wet: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> tuple[Particles, Material]:
-    """Particles of a lattice that lie in the ground, each with the mass of its layer, and their law.
+) -> tuple[Particles, Material, ArrayLike | None]:
+    """Particles of a lattice that lie in the ground, each with the mass of its layer, their law and ratio at rest.
 
     Args:
         ground: its box, surface and layers.
@@ -126,7 +123,7 @@ def lattice(
         wet: function of positions that returns which of them lie under a water table; by default none.
 
     Returns:
-        Particles and their law.
+        Particles, their law, and `jaxmpm.soil.ratio_at_rest`.
     """
     corner, spacing, dz = np.array(ground.corner, float), discretisation.spacing, discretisation.spacing[-1]
 
@@ -156,7 +153,7 @@ def lattice(
         share = share_above(bedrock, position[:, order], dz).astype(particles.volume.dtype)
         volume, mass = (product(each, share) for each in (particles.volume, particles.mass))
         particles = replace(particles, volume=volume, mass=mass)
-    return particles, law
+    return particles, law, ratio_at_rest(soils, number[order], law)
 
 
 def cells(ground: Ground, discretisation: Discretisation) -> list[int]:

@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
 from jaxmpm.ground._base import boundary_of_base
 from jaxmpm.ground._boundaries import (
@@ -270,7 +269,6 @@ def section(
     ends: Literal["roller", "fixed", "left fixed", "right fixed", "tied", "free field"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
-    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Build a section in plane strain, on a fixed base or one with an interface.
 
@@ -294,8 +292,6 @@ def section(
             `FreeField`.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.
-        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
-            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -319,7 +315,7 @@ def section(
     if bedrock is not None and ends in ("tied", "free field"):
         raise ValueError(f"ends = {ends!r} with bedrock, whose level would have to be that of the base: leave it out")
     wet = None if table is None else under(table)
-    particles, law = lattice(shape, layers, discretisation, grid, bedrock=bedrock, wet=wet)
+    particles, law, k0 = lattice(shape, layers, discretisation, grid, bedrock=bedrock, wet=wet)
     if ends == "tied":
         check_alike(outline, tops, table, discretisation.spacing[-1], labels(layers))
     if ends == "free field":
@@ -353,9 +349,7 @@ def section(
     state = settled(built, state) if at_rest else state
     if ends != "free field":
         return built, state
-    column = partial(
-        section, ends="tied", gravity=gravity, r_u=r_u, k_h=shape.downhill * k_h, k_v=k_v, at_rest=at_rest, k0=k0
-    )
+    column = partial(section, ends="tied", gravity=gravity, r_u=r_u, k_h=shape.downhill * k_h, k_v=k_v, at_rest=at_rest)
     return with_free_field(built, state, *_columns_beyond(shape, layers, tops, table, discretisation, column))
 
 

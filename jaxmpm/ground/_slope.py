@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxmpm.ground._fill import scene_of
 from jaxmpm.ground._ground import Face, Ground
@@ -17,6 +16,7 @@ from jaxmpm.laws import BaseMotion
 from jaxmpm.setup import Discretisation, cells_up, check_discretisation
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.check import Limit, above_zero, from_zero
 from jaxmpm.support.values import by_value
 from jaxmpm.types import Scene, State
 
@@ -34,6 +34,11 @@ class Slope:
         foundation: thickness below the toe (m).
         width: along y (m); None for a section in plane strain.
     """
+
+    LIMITS: ClassVar[Mapping[str, Limit]] = {
+        **dict.fromkeys(("crest", "height", "toe", "foundation", "width"), above_zero("m")),
+        "run_per_rise": from_zero(),
+    }
 
     crest: float = 30.0
     height: float = 12.0
@@ -64,11 +69,9 @@ class Slope:
 
     def check(self) -> None:
         """Raise ValueError for sizes that are impossible for a slope."""
-        for name in ("crest", "height", "toe", "foundation"):
-            check.positive(name, getattr(self, name), "m")
-        check.not_negative("run_per_rise", self.run_per_rise)
-        if self.width is not None:
-            check.positive("width", self.width, "m")
+        for name, limit in self.LIMITS.items():
+            if (value := getattr(self, name)) is not None:
+                check.within(name, value, limit)
 
     @property
     def area(self) -> float:
@@ -184,7 +187,6 @@ def slope(
     y_ends: Literal["fixed", "roller"] = "fixed",
     speed: float | None = None,
     at_rest: bool = True,
-    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Build a slope on a fixed base with its x ends on rollers.
 
@@ -200,8 +202,6 @@ def slope(
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the relief.
         at_rest: with the stress of elastic gravity loading; False leaves the slope free of stress, so that gravity acts
             suddenly.
-        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
-            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -221,7 +221,7 @@ def slope(
         raise ValueError(f"y_ends = {y_ends!r}: give 'fixed' or 'roller'")
     return scene_of(
         shape, soil, discretisation, gravity=gravity, k_h=k_h, k_v=k_v, motion=motion, ends=("roller", y_ends),
-        speed=speed, at_rest=at_rest, k0=k0,
+        speed=speed, at_rest=at_rest,
     )  # fmt: skip
 
 

@@ -9,7 +9,6 @@ from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid
 from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
@@ -34,7 +33,7 @@ from jaxmpm.setup import (
     pseudo_static,
     settled,
 )
-from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, weights
+from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, ratio_at_rest, weights
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, product, require_known, taken
 from jaxmpm.support.values import by_value
@@ -296,7 +295,6 @@ def terrain(
     ends: Literal["roller", "fixed"] = "roller",
     speed: float | None = None,
     at_rest: bool = True,
-    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Build ground under a terrain model, on a fixed base between four walls.
 
@@ -316,8 +314,6 @@ def terrain(
         ends: constraint of the four walls.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.
-        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
-            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -363,7 +359,7 @@ def terrain(
         loads=Loads(
             gravity=acceleration,
             motion=motion,
-            k0=k0,
+            k0=ratio_at_rest([part.soil for part in layers], layer, law),
             water=None if table is None else water_surface(table, spacing, particles.mass.dtype, gravity),
             pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops, gravity),
         ),

@@ -16,7 +16,7 @@ from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape, force_of_water, wave_speed
 from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._scene import scene, unstressed, with_stress
-from jaxmpm.setup._vary import check_names, check_start, parameter_names, vary, with_soil, with_strength
+from jaxmpm.setup._vary import check_names, check_start, numbers_of, parameter_names, vary, with_soil, with_strength
 
 __all__ = [
     "PADDING",
@@ -43,6 +43,7 @@ __all__ = [
     "fill",
     "force_of_water",
     "material_on",
+    "numbers_of",
     "ordered",
     "overburden",
     "parameter_names",

@@ -9,7 +9,6 @@ from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Wall
 from jaxmpm.setup._build import PADDING, build, end_walls, material_on
@@ -29,7 +28,6 @@ def column(
     *,
     gravity: float = 9.81,
     at_rest: bool = True,
-    k0: ArrayLike | None = None,
 ) -> tuple[Scene, State]:
     """Build a column on a fixed base, in 1D, or in 2D and 3D one cell wide between rollers.
 
@@ -39,8 +37,6 @@ def column(
         discretisation: cell, spacing (whose length is the dimension) and numerical choices.
         gravity: downwards (m/s2).
         at_rest: with the stress of elastic gravity loading, else free of stress, so that gravity acts suddenly.
-        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,);
-            None for that of elastic loading.
 
     Returns:
         Scene and state.
@@ -62,7 +58,7 @@ def column(
         material_on(discretisation, soil),
         discretisation,
         boundary=Boundary(tuple(walls)),
-        loads=Loads(gravity, k0=k0),
+        loads=Loads(gravity, k0=getattr(soil, "k0", None)),
         speed=math.sqrt(gravity * height),
     )
     return built, settled(built, state) if at_rest else state

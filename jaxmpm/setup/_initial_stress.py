@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxmpm import tensors
 from jaxmpm.boundary import hold
@@ -23,6 +24,7 @@ from jaxmpm.laws import elastic_increment
 from jaxmpm.setup._contact import borne_by_contact
 from jaxmpm.setup._law import force_of_water, wave_speed
 from jaxmpm.setup._scene import unstressed, with_stress
+from jaxmpm.soil import elastic_ratio
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, at_once, host, on_host, require_known
 from jaxmpm.types import Scene, State, Status
@@ -229,6 +231,9 @@ BEDDING = 0.01
 LOOSE, LOOSE_MOST = 0.1, 0.02
 """Share of a node's load in its springs from which on nothing else holds the node, and largest share of such soil."""
 
+BORNE, RATIOS = 1e-3, (0.01, 100.0, 401)
+"""Share of the vertical stress by which level soil that does not yield changes; ratios at rest that are tried."""
+
 ROUNDS = 4
 """Searches for nodes that nothing holds, each with those before held in place."""
 
@@ -276,14 +281,7 @@ def settled(scene: Scene, state: State) -> State:
     weightless = not check.is_traced(loads.gravity) and not np.any(np.asarray(loads.gravity))
     if weightless and loads.body_force is None and loads.water is None:
         return state
-    d, dtype = scene.grid.dimension, state.stress.dtype
-    vertical = -overburden(scene).astype(dtype)
-    bulk, shear, k0 = on_host((scene.material.bulk, scene.material.shear, scene.loads.k0))
-    ratio = (bulk - 2 * shear / 3) / (bulk + 4 * shear / 3) if k0 is None else k0
-    sideways = vertical * host(ratio).asarray(ratio, dtype)
-    upright = {1: 0, 2: 2, 3: 2}[d]
-    parts = [vertical if c == upright else sideways if c < 3 else vertical * 0 for c in tensors.CARRIED[d]]
-    stress = array(host(parts).stack(parts), dtype)
+    stress = of_level_ground(scene, overburden(scene), scene.loads.k0)
     gapped = _gapped(scene)
     balanced, residual, _ = elastic_equilibrium(scene, stress, gapped=gapped)
     if check.is_traced(residual):
@@ -296,6 +294,65 @@ def settled(scene: Scene, state: State) -> State:
     if scene.boundary.friction is not None:
         balanced = borne_by_contact(scene, replace(state, stress=balanced))
     return with_stress(scene, state, balanced)
+
+
+def of_level_ground(scene: Scene, vertical: ArrayLike, k0: ArrayLike | None) -> Array:
+    """Stress of level ground under its own weight.
+
+    Args:
+        scene: with its soil.
+        vertical: effective stress (N,) Pa, positive in compression.
+        k0: () or (N,) horizontal over vertical stress; None for that of elastic loading.
+
+    Returns:
+        Stress (s, N) Pa.
+    """
+    d, dtype = scene.grid.dimension, scene.particles.mass.dtype
+    vertical = -vertical.astype(dtype)
+    bulk, shear, k0 = on_host((scene.material.bulk, scene.material.shear, k0))
+    ratio = elastic_ratio(bulk, shear) if k0 is None else k0
+    sideways = vertical * host(ratio).asarray(ratio, dtype)
+    upright = {1: 0, 2: 2, 3: 2}[d]
+    parts = [vertical if c == upright else sideways if c < 3 else vertical * 0 for c in tensors.CARRIED[d]]
+    return array(host(parts).stack(parts), dtype)
+
+
+def check_borne(scene: Scene) -> None:
+    """Raise ValueError for a k0 that level ground does not bear.
+
+    Args:
+        scene: with particles on a lattice; traced numbers pass.
+    """
+    k0 = scene.loads.k0
+    if k0 is None or check.is_traced(scene):
+        return
+    vertical = np.asarray(overburden(scene))
+    yields = np.asarray(_yields(scene, vertical, k0))
+    if not yields.any():
+        return
+    worst = int(np.argmax(np.where(yields, vertical, 0)))
+    tried = jnp.geomspace(*RATIOS)
+    borne = ~np.asarray(jax.vmap(_yields, in_axes=(None, None, 0))(scene, vertical, tried)[:, worst])
+    low, high = np.asarray(tried)[borne][[0, -1]] if borne.any() else (np.nan, np.nan)
+    place = ", ".join(f"{x:.4g}" for x in np.asarray(scene.particles.position)[:, worst])
+    given = float(np.broadcast_to(np.asarray(k0), vertical.shape)[worst])
+    raise ValueError(
+        f"k0 = {given:.4g}: level soil yields so at ({place}) m, under {vertical[worst]:.4g} Pa, where it bears "
+        f"{low:.2g} to {high:.2g}, from its active to its passive limit"
+    )
+
+
+@jax.jit
+def _yields(scene: Scene, vertical: Array, k0: Array) -> Array:
+    """Whether each particle (N,) yields at once under the stress of level ground."""
+    law, particles = scene.material, scene.particles
+    stress = tensors.expand(of_level_ground(scene, vertical, k0), scene.grid.dimension)
+    history = law.history_at_rest(law.initial_history(particles), stress)
+    none = tensors.by_component(lambda s: s if tensors.absent(s) else 0 * s, stress)
+    after, _ = law.update(none, stress, history, scene.numerics.time_step)
+    pairs = zip(after, stress, strict=True)
+    change = jnp.max(jnp.stack([jnp.abs(new - old) for new, old in pairs if not tensors.absent(old)]), axis=0)
+    return (vertical > 0) & ~(change <= BORNE * vertical)
 
 
 def _with_loose_soil(scene: Scene, stress: Array, gapped: bool, residual: float) -> Array:

@@ -14,7 +14,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles
-from jaxmpm.laws import BaseMotion, frictional, remembers_gap
+from jaxmpm.laws import BaseMotion, frictional, laws_of, remembers_gap
 from jaxmpm.protocols import History, Material, PrescribedMotion
 from jaxmpm.setup._choices import (
     check_boundary,
@@ -220,8 +220,18 @@ def with_stress(scene: Scene, state: State, stress: Array) -> State:
 
     Returns:
         State.
+
+    Raises:
+        ValueError: If a law of one's own takes the stress out of JAX.
     """
-    history = _history_at_rest(scene.material, state.history, stress, scene.grid.dimension)
+    try:
+        history = _history_at_rest(scene.material, state.history, stress, scene.grid.dimension)
+    except jax.errors.JAXTypeError as error:
+        names = " or ".join(type(law).__name__ for law in laws_of(scene.material))
+        raise ValueError(
+            f"history_at_rest of {names} hands the stress to NumPy, or decides by it, and it is traced: write it with "
+            "jax.numpy, as `update` is"
+        ) from error
     return replace(state, stress=stress, history=history)
 
 

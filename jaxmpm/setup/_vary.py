@@ -26,8 +26,9 @@ WATER_LEVEL = "water_level"
 PORE_PRESSURE = "pore_pressure"
 WALL = {**WALL_STRENGTH, "wall_pressure": "pressure"}
 """What walls and a base have at their nodes, by the part of the boundary."""
-ENGINEERING = ("young", "poisson", "unit_weight", WATER_LEVEL, PORE_PRESSURE, *WALL)
-STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", WATER_LEVEL, PORE_PRESSURE}
+K0 = "k0"
+ENGINEERING = ("young", "poisson", "unit_weight", K0, WATER_LEVEL, PORE_PRESSURE, *WALL)
+STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", K0, WATER_LEVEL, PORE_PRESSURE}
 """Parameters on which time step or initial stress depend."""
 
 
@@ -43,10 +44,10 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
         state: at which it starts; it must not have moved if stiffness or weight change.
         **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
             with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
-            below the water table), water_level (m, of a level table; soil keeps its weight, give a unit_weight too
-            where it is another below water), pore_pressure (Pa, of soil that has one), and of walls and a base that
-            have them wall_friction (coefficient), wall_cohesion (Pa) and wall_pressure (Pa, of the water there),
-            numbers or one value per node (nodes,).
+            below the water table), k0 (of soil that has one), water_level (m, of a level table; soil keeps its weight,
+            give a unit_weight too where it is another below water), pore_pressure (Pa, of soil that has one), and of
+            walls and a base that have them wall_friction (coefficient), wall_cohesion (Pa) and wall_pressure (Pa, of
+            the water there), numbers or one value per node (nodes,).
 
     Returns:
         Scene and state.
@@ -107,6 +108,8 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
         raise ValueError("water_level is given, and the scene has no water: build it with a level")
     if PORE_PRESSURE in names and scene.loads.pore_pressure is None:
         raise ValueError("pore_pressure is given, and the scene has none: build it by jaxmpm.seepage.with_pressure")
+    if K0 in names and scene.loads.k0 is None:
+        raise ValueError("k0 is given, and the scene has none: build it of soil with a k0")
     for name, part in WALL.items():
         if name in names and getattr(scene.boundary, part) is None:
             raise ValueError(
@@ -148,6 +151,24 @@ def parameter_names(scene: Scene) -> list[str]:
     return [each.path for each in declared(scene.material).values()]
 
 
+def numbers_of(scene: Scene) -> dict[str, tuple[str, Array]]:
+    """Numbers of a scene's soil, and strengths of walls and a base that have them.
+
+    Args:
+        scene: of any law.
+
+    Returns:
+        What `with_soil` calls each, and its value, by that name and by the engineer's.
+    """
+    numbers = declared(scene.material)
+    walls = {name: (name, getattr(scene.boundary, part)) for name, part in WALL_STRENGTH.items()}
+    return {
+        **{number.path: (number.path, number.value) for number in numbers.values()},
+        **{name: (number.path, number.value) for name, number in numbers.items()},
+        **{name: pair for name, pair in walls.items() if pair[1] is not None},
+    }
+
+
 def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[Scene, State]:
     """As `with_soil`, for known names; values beyond their limits pass, and their lane gets the status.
 
@@ -177,6 +198,8 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
         assert water is not None
         assert hasattr(water, "at_level")
         varied = replace(varied, loads=replace(varied.loads, water=water.at_level(given[WATER_LEVEL])))
+    if K0 in given:
+        varied = replace(varied, loads=replace(varied.loads, k0=given[K0]))
     if PORE_PRESSURE in given:
         pressure = jnp.broadcast_to(given[PORE_PRESSURE], scene.particles.mass.shape)
         varied = replace(varied, loads=replace(varied.loads, pore_pressure=pressure))

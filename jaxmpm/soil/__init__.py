@@ -2,7 +2,7 @@
 
 from jaxmpm.soil._beyond import AnisotropicSoil, CamClaySoil, GranularSoil
 from jaxmpm.soil._interface import Interface
-from jaxmpm.soil._layers import law_of_layers, weights
+from jaxmpm.soil._layers import elastic_ratio, law_of_layers, ratio_at_rest, weights
 from jaxmpm.soil._limits import AnySoil, soil_limits, warn_of_units
 from jaxmpm.soil._soil import STANDARD_GRAVITY, FrictionalSoil, PlasticStrain, Soil, moduli, radians
 from jaxmpm.soil._units import Plausible, unit_slip
@@ -18,9 +18,11 @@ __all__ = [
     "PlasticStrain",
     "Plausible",
     "Soil",
+    "elastic_ratio",
     "law_of_layers",
     "moduli",
     "radians",
+    "ratio_at_rest",
     "soil_limits",
     "unit_slip",
     "warn_of_units",

@@ -34,6 +34,7 @@ class CamClaySoil:
         unit_weight: of soil and its water (N/m3).
         saturated_unit_weight: of soil that starts below a water table (N/m3); None for unit_weight.
         unusual: as for `Soil`.
+        k0: as for `Soil`.
     """
 
     compression: float | Array
@@ -46,6 +47,7 @@ class CamClaySoil:
     unit_weight: float = 18e3
     saturated_unit_weight: float | None = None
     unusual: bool = False
+    k0: float | Array | None = None
 
     def material(self, dtype: np.dtype, band: float) -> ModifiedCamClay:
         """Its law on any grid.
@@ -91,6 +93,7 @@ class AnisotropicSoil:
         young: Young's modulus at small strain (Pa).
         poisson: Poisson's ratio.
         unusual: as for `Soil`.
+        k0: as for `Soil`.
     """
 
     active_strength: float | Array
@@ -101,6 +104,7 @@ class AnisotropicSoil:
     young: float = 5e7
     poisson: float = 0.45
     unusual: bool = False
+    k0: float | Array | None = None
 
     def material(self, dtype: np.dtype, band: float) -> AnisotropicUndrained:
         """Its law on any grid.
@@ -137,6 +141,7 @@ class GranularSoil:
         poisson: Poisson's ratio.
         gap_memory: whether grains that came apart bear pressure only once their gap has closed.
         unusual: as for `Soil`.
+        k0: as for `Soil`.
     """
 
     static_friction: float
@@ -149,6 +154,7 @@ class GranularSoil:
     poisson: float = 0.3
     gap_memory: bool = True
     unusual: bool = False
+    k0: float | Array | None = None
 
     def material(self, dtype: np.dtype, band: float) -> MuI:
         """Its law on any grid.

@@ -12,7 +12,7 @@ from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
 from jaxmpm.soil._limits import AnySoil
 from jaxmpm.support import check
-from jaxmpm.support.tracing import host, taken
+from jaxmpm.support.tracing import host, on_host, taken
 
 
 def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Array | None) -> np.ndarray | Array:
@@ -32,6 +32,40 @@ def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Arr
     numbers = host(dry, saturated, under)
     weight = numbers.asarray(dry)[layer]
     return weight if under is None else numbers.where(under, numbers.asarray(saturated)[layer], weight)
+
+
+def ratio_at_rest(soils: Sequence[AnySoil], layer: np.ndarray, law: Material) -> np.ndarray | Array | float | None:
+    """Horizontal over vertical effective stress from which particles in layers come to rest.
+
+    Args:
+        soils: one per layer, of which some may have a `k0`.
+        layer: (N,) number of the layer of each particle.
+        law: of the particles.
+
+    Returns:
+        () or (N,), that of elastic loading in layers without one; None if no soil has one.
+    """
+    given = [getattr(soil, "k0", None) for soil in soils]
+    if all(ratio is None for ratio in given):
+        return None
+    if len(given) == 1:
+        return given[0]
+    numbers = host(given, law.bulk)
+    own = numbers.asarray([np.nan if ratio is None else ratio for ratio in given])[layer]
+    return numbers.where(numbers.isnan(own), elastic_ratio(*on_host((law.bulk, law.shear))), own)
+
+
+def elastic_ratio(bulk: Array, shear: Array) -> Array:
+    """Horizontal over vertical stress of level ground that gravity has loaded elastically, nu / (1 - nu).
+
+    Args:
+        bulk: modulus (Pa).
+        shear: modulus (Pa).
+
+    Returns:
+        Ratio, of their shape.
+    """
+    return (bulk - 2 * shear / 3) / (bulk + 4 * shear / 3)
 
 
 def law_of_layers(laws: Sequence[Material], layer: np.ndarray) -> tuple[Material, np.ndarray]:

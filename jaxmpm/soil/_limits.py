@@ -13,7 +13,7 @@ from jaxmpm.laws import AnisotropicUndrained, Law, ModifiedCamClay, MuI
 from jaxmpm.protocols import Material
 from jaxmpm.soil._units import PLAUSIBLE, unit_slip
 from jaxmpm.support import check
-from jaxmpm.support.check import Limit
+from jaxmpm.support.check import Limit, from_zero
 
 ANGLE = Limit(least=0, most=60, unit="degrees")
 
@@ -54,6 +54,7 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         **dict(_of(MuI)),
         "largest_pressure": Limit(above=0, unit="Pa"),
         "loss_time": Limit(above=0, unit="s"),
+        "k0": from_zero(),
     }
 )
 

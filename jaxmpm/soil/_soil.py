@@ -80,6 +80,9 @@ class Soil:
             rate of engineering plastic shear strain. None for none.
         loss_time: instead of softening, time from the start of a run (s) over which the strength falls to
             residual_ratio of itself, whatever the strain; None for no such loss.
+        k0: horizontal over vertical effective stress at rest of level ground, a number or one value per particle (N,)
+            of the scene; under a slope equilibrium asks for more shear. None for that of elastic loading,
+            nu / (1 - nu).
     """
 
     unit_weight: float = 20e3
@@ -100,6 +103,7 @@ class Soil:
     strength_minimum: float | None = None
     viscosity: float | None = None
     loss_time: float | None = None
+    k0: float | Array | None = None
 
     @property
     def softens(self) -> bool:
@@ -190,6 +194,7 @@ class FrictionalSoil:
         gap_memory: as for `Soil`.
         saturated_unit_weight: of soil that starts below a water table (N/m3); None for unit_weight.
         unusual: as for `Soil`.
+        k0: as for `Soil`.
     """
 
     cohesion: float
@@ -209,6 +214,7 @@ class FrictionalSoil:
     gap_memory: bool = True
     saturated_unit_weight: float | None = None
     unusual: bool = False
+    k0: float | Array | None = None
 
     @property
     def softens(self) -> bool:
@@ -241,6 +247,11 @@ class FrictionalSoil:
                 raise ValueError(f"matching = {self.matching!r}: give a member of Matching")
             return DruckerPrager(bulk, shear, *strength, self.matching, self.gap_memory)
         if self.law is MohrCoulomb:
+            if self.matching is not Matching.PLANE_STRAIN:
+                raise ValueError(
+                    f"matching = {self.matching} is of Drucker-Prager's cone, and has no effect with MohrCoulomb: "
+                    "leave it out, or give law=DruckerPrager"
+                )
             return MohrCoulomb(bulk, shear, *strength, self.gap_memory)
         raise ValueError(f"law = {self.law!r}: give MohrCoulomb or DruckerPrager")
 

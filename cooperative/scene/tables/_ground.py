@@ -11,7 +11,6 @@ from pydantic import model_validator as validates
 import jaxmpm as mpm
 from cooperative.scene.tables._key import (
     Depth,
-    FromZero,
     Length,
     Line,
     Metres,
@@ -35,6 +34,10 @@ from jaxmpm.support.check import Invalid, Limit
 _WALLS = "two numbers, the lower one first"
 
 
+def _of_slope(size: str) -> Within:
+    return Within(mpm.Slope.LIMITS[size])
+
+
 @table
 class SlopeTable(Part):
     """A simple slope, without layers and without water: draw a `[ground]` for these.
@@ -43,15 +46,19 @@ class SlopeTable(Part):
     multiples of the spacing of both grids.
     """
 
-    crest: Length = key("Length of the level ground above.", 20.0)
-    height: Length = key("Height of the slope.", 12.0)
-    run_per_rise: FromZero = key(
+    crest: Annotated[float, _of_slope("crest")] = key("Length of the level ground above.", 20.0)
+    height: Annotated[float, _of_slope("height")] = key("Height of the slope.", 12.0)
+    run_per_rise: Annotated[float, _of_slope("run_per_rise")] = key(
         "Cotangent of the slope's angle.", 2.0,
         synonyms="slope_ratio ratio angle slope_angle inclination cotangent",
     )  # fmt: skip
-    toe: Length = key("Length of the level ground below, on which a slide runs out.", 48.0)
-    foundation: Depth = key("Depth of soil below the toe, down to rock.", 4.0, synonyms="base_thickness bedrock_depth")
-    width: Length | None = key("Width along the slope.", 96.0, None, otherwise="none: a section in plane strain")
+    toe: Annotated[float, _of_slope("toe")] = key("Length of the level ground below, on which a slide runs out.", 48.0)
+    foundation: Annotated[float, _of_slope("foundation")] = key(
+        "Depth of soil below the toe, down to rock.", 4.0, synonyms="base_thickness bedrock_depth"
+    )
+    width: Annotated[float, _of_slope("width")] | None = key(
+        "Width along the slope.", 96.0, None, otherwise="none: a section in plane strain"
+    )
     y_ends: Literal["fixed", "roller"] = key("What holds the ends of a slope of finite width.", "fixed", "fixed")
 
 

@@ -266,6 +266,12 @@ class SoilTable(Part):
     grain_density: Annotated[float, _of("grain_density")] | None = key(
         "Likewise, density of the solid.", 2500.0, None, otherwise=_default("grain_density"), synonyms="rho_s"
     )
+    k0: OrTable[Annotated[float, _of("k0")], RandomField] | None = key(
+        "Horizontal over vertical effective stress at rest of level ground; under a slope equilibrium asks for more "
+        "shear. A number that the soil does not bear, beyond its active or passive limit, is refused.",
+        0.5, None, otherwise="that of elastic loading, nu / (1 - nu)",
+        synonyms="k_0 k_zero at_rest_coefficient earth_pressure_at_rest lateral_earth_pressure lateral_stress_ratio",
+    )  # fmt: skip
     unusual: Flag = key(
         "Whether to accept numbers that look like another unit. Without it a scene is refused for strength below "
         "1 kPa, cohesion below 0.1 kPa, either above 5 MPa, Young's modulus below 0.2 MPa, or friction below 1.6 "
@@ -327,6 +333,9 @@ class SoilTable(Part):
                 raise Invalid(
                     (idle,), None, f"has no effect in {words.get(kind, f'soil of law = {name!r}')}", "leave it out"
                 )
+        if self.matching is not None and law is not DruckerPrager:
+            remedy = "leave it out, or give law = 'drucker-prager'"
+            raise Invalid(("matching",), None, f"is of Drucker-Prager's cone, and has no effect with {name}", remedy)
         of_strength = undrained or REQUIRED[kind][:1] if kind is Soil else REQUIRED[kind]
         missing = [key for key in of_strength if key not in values]
         if missing:

@@ -14,6 +14,7 @@ from cooperative.scene import campaign_of as stored_campaign
 from cooperative.scene import parse, read_scene
 from cooperative.scene._words import in_words, of_words
 from cooperative.tools.safety import slices_at_rest
+from tests.scenes import model_of
 
 SCENE = """
 [ground]
@@ -93,7 +94,7 @@ def test_the_soil_is_the_solvers_with_its_fields_and_moves_as_in_python(law):
     model = runs.build(campaign, "rough", runs.random_soil(campaign))
     sample = runs.coefficients_of(campaign, model.soil)[1]
     value = np.asarray(model.parameters(sample)[VARIES[law]])
-    assert value.std() > 0.03 * value.mean()
+    assert value.std() > 0.01 * value.mean()
     section = mpm.Section(((0, 6), (6, 6), (12, 2), (20, 2)), base=0.0, toe=12.0)
     scene, state = mpm.section(section, PYTHON[law], campaign.grids["rough"])
     number = mpm.laws.declared(scene.material)[VARIES[law]]
@@ -202,3 +203,60 @@ REFUSED = [
 def test_numbers_that_are_not_of_the_law_are_refused(soil, message):
     with pytest.raises(ValueError, match=message):
         parse(SCENE.format(soil=soil))
+
+
+SAND = """
+unit_weight = 18e3
+young = 5e6
+cohesion = 0.0
+friction = {{ mean = 32.0, {field} }}
+k0 = {k0}
+""".replace("{field}", FIELD)
+
+
+def sand(k0):
+    return SCENE.format(soil=SAND.format(k0=k0))
+
+
+def test_k0_of_a_scene_is_that_of_its_ground_at_rest_and_may_vary():
+    model = model_of(sand(0.5), at_rest=True)
+    section = mpm.Section(((0, 6), (6, 6), (12, 2), (20, 2)), base=0.0, toe=12.0)
+    soil = mpm.FrictionalSoil(0.0, 32.0, unit_weight=18e3, young=5e6, k0=0.5)
+    _, expected = mpm.section(section, soil, model.campaign.grids["rough"])
+    np.testing.assert_array_equal(model.state.stress, expected.stress)
+    varied = model_of(sand("{ mean = 0.6, cov = 0.1, length = [10.0, 2.0] }"), at_rest=True)
+    sample = runs.coefficients_of(varied.campaign, varied.soil)[1]
+    value = np.asarray(varied.parameters(sample)["k0"])
+    assert value.std() > 0.01
+    scene, state = varied.of_sample(sample)
+    np.testing.assert_array_equal(scene.loads.k0, value)
+    _, expected = mpm.with_soil(varied.scene, varied.state, **varied.varied(sample))
+    np.testing.assert_array_equal(state.stress, expected.stress)
+    assert abs(state.stress[0] - varied.state.stress[0]).max() > 500.0
+
+
+def test_k0_that_varies_in_one_layer_leaves_the_other_that_of_its_loading():
+    text = sand("{ mean = 0.6, cov = 0.1, length = [10.0, 2.0] }")
+    soil = text[text.index("[soil]") : text.index("[rough]")]
+    layers = soil.replace("[soil]", '[[layer]]\nname = "sand"\nbottom = [[0, 1], [20, 1]]') + (
+        '[[layer]]\nname = "clay"\nstrength = 30e3\nunit_weight = 18e3\nyoung = 5e6\npoisson = 0.25\n'
+    )
+    model = model_of(text.replace(soil, layers))
+    value = np.asarray(model.parameters(runs.coefficients_of(model.campaign, model.soil)[1])["k0"])
+    np.testing.assert_allclose(value[model.layer == 1], 1 / 3, rtol=1e-6)
+    assert value[model.layer == 0].std() > 0.01
+
+
+def test_k0_beyond_what_sand_bears_is_refused_before_anything_runs():
+    with pytest.raises(ValueError, match=r"k0 = 0\.2: level soil yields so at .* bears 0\.31 to 3\.2, from its active"):
+        model_of(sand(0.2))
+
+
+@pytest.mark.parametrize("law", ["mohr-coulomb", None])
+def test_matching_is_of_the_cone_alone(law):
+    given = sand(0.5).replace("k0 = 0.5", 'matching = "extension"' + (f'\nlaw = "{law}"' if law else ""))
+    with pytest.raises(ValueError, match="matching is of Drucker-Prager's cone, and has no effect with mohr-coulomb"):
+        parse(given)
+    assert parse(given.replace("mohr-coulomb", "drucker-prager") if law else sand(0.5)).soil.cohesion == 0.0
+    with pytest.raises(ValueError, match=r"matching = .* has no effect with MohrCoulomb: leave it out"):
+        mpm.FrictionalSoil(1e3, 30.0, matching=mpm.laws.Matching.EXTENSION).material(np.float32, 1.0)

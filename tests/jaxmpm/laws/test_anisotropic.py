@@ -97,11 +97,28 @@ def test_derivatives_by_each_number_are_those_of_differences():
 
 
 def test_a_scene_starts_from_its_stress_at_rest_and_stays_there():
-    soil = mpm.AnisotropicSoil(30e3, 24e3, 18e3)
+    soil = mpm.AnisotropicSoil(30e3, 24e3, 18e3, k0=0.6)
     drawn = mpm.Section([(0, 4), (4, 4), (8, 2), (12, 2)])
-    scene, state = mpm.section(drawn, soil, mpm.Discretisation(1.0, (0.5, 0.5)), k0=0.6)
+    scene, state = mpm.section(drawn, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
     mean = (state.stress[0] + state.stress[1] + state.stress[2]) / 3
     np.testing.assert_allclose(state.history.rest[2], state.stress[2] - mean, atol=1.0)
     result = mpm.solve(scene, state, t_end=0.5).raise_if_failed()
     assert float(mpm.diagnostics.largest_displacement(result.state)) < 0.005
     assert mpm.reduced(scene, 2.0).material.passive == 9e3
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@given(share=st.floats(0.05, 1.5), tiny=st.floats(-1e-9, 1e-9), sheared=st.floats(-0.9, 0.9))
+@settings(max_examples=30, deadline=None)
+def test_a_step_from_rest_is_finite_and_continuous_by_any_strength(dtype, share, tiny, sheared):
+    """Stress at rest that the strength bears, or does not, as under strength reduction, and strain of rounding."""
+    with jax.enable_x64(dtype == jnp.float64):
+        law = clay(dtype, active=share * ACTIVE, simple=share * SIMPLE, passive=share * PASSIVE)
+        one = jnp.ones(1, dtype)
+        stress = tuple(one * component for component in (-6e4, -7e4, -1e5, 0.0, 0.0, 2e4 * sheared))
+        history = law.history_at_rest(Mobilisation(0 * one, (0 * one,) * 6), stress)
+        strains = (tuple(one * component for component in (size, 0, 0, 0, 0, size)) for size in (0, tiny))
+        still, moved = (np.array(updated(law, strain, stress, history)[0]) for strain in strains)
+        assert np.all(np.isfinite(still))
+        elastic = abs(tiny) * (5e7 + 2 * G) + 1e5 * float(jnp.finfo(dtype).eps)
+        np.testing.assert_allclose(moved, still, atol=3 * elastic)

@@ -186,9 +186,9 @@ def test_float32_agrees_with_float64():
 
 
 def test_a_slope_of_cam_clay_knows_its_stress_at_rest_and_stands():
-    soil = mpm.CamClaySoil(COMPRESSION, SWELLING, 1.2, ocr=4.0, largest_pressure=100e3)
+    soil = mpm.CamClaySoil(COMPRESSION, SWELLING, 1.2, ocr=4.0, largest_pressure=100e3, k0=0.8)
     drawn = mpm.Section([(0, 4), (4, 4), (8, 2), (12, 2)])
-    scene, state = mpm.section(drawn, soil, mpm.Discretisation(1.0, (0.5, 0.5)), k0=0.8)
+    scene, state = mpm.section(drawn, soil, mpm.Discretisation(1.0, (0.5, 0.5)))
     at_rest = -(state.stress[0] + state.stress[1] + state.stress[2]) / 3
     np.testing.assert_allclose(state.history.mean, jnp.maximum(at_rest, 0), rtol=1e-5)
     result = mpm.solve(scene, state, t_end=0.5).raise_if_failed()
