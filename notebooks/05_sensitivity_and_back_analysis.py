@@ -153,12 +153,23 @@ survey = back_analysis.Survey(
 )
 rng = np.random.default_rng(1)
 truth = back_analysis.Parameters(
-    jnp.float32(-0.35), jnp.float32(0.2), jnp.asarray(0.7 * rng.standard_normal(modes), jnp.float32)
+    factors={"strength": jnp.float32(-0.35), "softening_modulus": jnp.float32(0.2)},
+    coefficients=jnp.asarray(0.7 * rng.standard_normal(modes), jnp.float32),
 )
 noise = 0.02  # m
-clean = jax.jit(partial(back_analysis.predict, model, survey))(truth)
+start, field = (model.scene, model.state), model.leading
+clean = jax.jit(partial(back_analysis.predict, *start, survey, field=field))(truth)
 observed = jax.tree.map(lambda a: a + noise * rng.standard_normal(a.shape).astype(np.float32), clean)
-recovery = back_analysis.recover(model, survey, observed, noise, modes=modes, iterations=15 if SMALL else 90)
+recovery = back_analysis.recover(
+    *start,
+    survey,
+    observed,
+    noise,
+    names=truth.factors,
+    field=field,
+    coefficients=modes,
+    iterations=15 if SMALL else 90,
+)
 readings = sum(leaf.size for leaf in jax.tree.leaves(observed))
 print(f"{readings} readings; loss from {recovery.losses[0]:.0f} to {recovery.losses.min():.1f}")
 
@@ -168,7 +179,8 @@ names = ["log strength", "log softening", *(f"coefficient {k + 1}" for k in rang
 
 def listed(parameters: back_analysis.Parameters) -> np.ndarray:
     """All parameters in one array."""
-    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(parameters)])
+    factors = parameters.factors
+    return np.array([factors["strength"], factors["softening_modulus"], *parameters.coefficients])
 
 
 true, got, spread, before = map(listed, (truth, recovery.parameters, recovery.deviation, recovery.prior))
@@ -201,7 +213,7 @@ plt.show()
 fields = []
 for parameters in (truth, recovery.parameters):
     padded = jnp.zeros(model.soil.modes).at[:modes].set(parameters.coefficients)
-    fields.append(np.asarray(model.strength(padded)) * float(np.exp(parameters.strength)) / 1e3)
+    fields.append(np.asarray(model.strength(padded)) * float(np.exp(parameters.factors["strength"])) / 1e3)
 fig, axes = plt.subplots(2, 1, figsize=(9, 3.7), sharex=True)
 limits = (min(f.min() for f in fields), max(f.max() for f in fields))
 for ax, field, title in zip(axes, fields, ("true strength", "recovered strength"), strict=True):

@@ -62,7 +62,7 @@ def fails(xi: np.ndarray) -> np.ndarray:
 # square displacement after 2.5 s, against half a metre. It only has to lead to the right region.
 
 # %%
-limit_state = slide_limit_state(model, seconds=2.5, displacement=0.5)
+limit_state = slide_limit_state(model.scene, model.state, model.varied, seconds=2.5, displacement=0.5)
 point = design_point(limit_state, soil.modes)
 print(f"beta = {point.beta:.2f} after {point.gradients} gradients; FORM says {point.probability:.1e}")
 

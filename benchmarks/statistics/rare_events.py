@@ -108,7 +108,8 @@ def run(quick: bool) -> Report:
     solve(np.zeros((1, modes)))  # compiles
 
     start = time.perf_counter()
-    point = design_point(slide_limit_state(model, seconds=SECONDS, displacement=DISPLACEMENT), modes)
+    limit_state = slide_limit_state(model.scene, model.state, model.varied, seconds=SECONDS, displacement=DISPLACEMENT)
+    point = design_point(limit_state, modes)
     setup = time.perf_counter() - start
     count = 20 if quick else 1000
     weighted = importance_sampling(lambda xi: solve(xi) > limit, point.coefficients, count, seed=1)

@@ -33,6 +33,7 @@ from jaxmpm.ground import Contact
 from jaxmpm.laws import Zoned, declared, with_parameters
 from jaxmpm.run import SlidesEnd, column_shape
 from jaxmpm.soil import STANDARD_GRAVITY
+from jaxmpm.support import check
 from jaxmpm.support.values import by_value
 
 
@@ -166,14 +167,6 @@ class GridModel:
         """Whether samples have an initial stress and a time step of their own: random stiffness, weight or water."""
         return not {"young", "poisson", "unit_weight", "k0", LEVEL, PRESSURE}.isdisjoint(self.paths)
 
-    def refuse_own_start(self) -> None:
-        """Raise ValueError where samples have an initial stress of their own, which a gradient would leave out."""
-        if self.own_start:
-            raise ValueError(
-                f"random are {', '.join(self.paths)}, and with stiffness, weight or water the initial stress, which "
-                "the gradient would leave out: give those as numbers"
-            )
-
     def parameters(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The parameters at the particles in which samples differ, each (N,), by engineer's name.
 
@@ -192,11 +185,27 @@ class GridModel:
         return law | {name: drawn[name] for name in (*IN_LAW, *CONTACT) if name in drawn}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
-        """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands."""
+        """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands.
+
+        It may be differentiated by the coefficients.
+
+        Raises:
+            ValueError: another number of them, or traced ones where the water differs.
+        """
+        if check.is_traced(coefficients) and not {LEVEL, PRESSURE}.isdisjoint(self.paths):
+            raise ValueError(
+                f"random are {', '.join(self.paths)}, and water of samples is worked out on the host, without "
+                "derivatives: give it as a number"
+            )
         level = self.water_level(coefficients)
         values = {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients), level).items()}
         values |= self._at_contact(coefficients, values) | self._under_water(coefficients)
         return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.loads.gravity.dtype)}
+
+    def leading(self, coefficients: jax.Array | np.ndarray) -> dict[str, jax.Array]:
+        """As `varied`, of the leading coefficients alone; the others are 0."""
+        every = jnp.zeros(self.soil.modes, self.scene.particles.mass.dtype)
+        return self.varied(every.at[: len(coefficients)].set(coefficients))
 
     def water_level(self, coefficients: jax.Array | np.ndarray | None = None) -> float | None:
         """Height (m) of the water of a sample, or of the median one; None where samples do not differ in it."""

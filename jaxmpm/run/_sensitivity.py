@@ -12,7 +12,7 @@ from jax import Array
 
 from jaxmpm.laws import declared, with_parameters
 from jaxmpm.run._checkpointed import replay
-from jaxmpm.setup import check_scene
+from jaxmpm.setup import WALL_STRENGTH, check_scene, numbers_of
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
@@ -26,7 +26,7 @@ def sensitivity(
     steps: int,
     memory: float = 2e9,
 ) -> tuple[Array, dict[str, Array]]:
-    """Value of an objective after a run, and its derivatives by numbers of the law at every particle.
+    """Value of an objective after a run, and its derivatives by numbers of the law and of contacts, place by place.
 
     One reverse run gives all of them. Divided by a particle's volume a derivative does not depend on the number of
     particles. The start is held: the stress at rest does not follow a stiffness here. It is compiled once for each
@@ -36,27 +36,28 @@ def sensitivity(
         scene: with a law of any kind.
         state: at the start.
         objective: State -> scalar, for example `objectives.soft_largest_displacement`.
-        parameters: names of numbers that the law declares, as `laws.declared` lists them, of a part also with a dot;
-            None for all of them.
+        parameters: names of numbers that the law declares, as `laws.declared` lists them, of a part also with a dot,
+            and wall_friction and wall_cohesion where walls or a base have them; None for all of them.
         steps: a Python integer.
         memory: bytes that reverse mode may use.
 
     Returns:
-        Value (), and by the names given the derivatives (N,) per unit of each number, of an angle per radian; 0 at
-        particles of zones whose law does not have it.
+        Value (), and by the names given the derivatives per unit of each number, of an angle per radian: (N,) at the
+        particles, 0 in zones whose law does not have it, and (nodes,) of contacts.
 
     Raises:
-        ValueError: If the law has no such number, one is beyond its limit, or as for `replay`.
+        ValueError: If the scene has no such number, one is beyond its limit, or as for `replay`.
         FloatingPointError: If the run breaks off.
     """
-    numbers = declared(scene.material)
-    by_name = {**{number.path: number for number in numbers.values()}, **numbers}
-    names = sorted(numbers if parameters is None else parameters)
-    if unknown := sorted(set(names) - by_name.keys()):
-        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {list(numbers)}")
+    known = numbers_of(scene)
+    every = [*declared(scene.material), *(name for name in WALL_STRENGTH if name in known)]
+    names = sorted(every if parameters is None else parameters)
+    if unknown := sorted(set(names) - known.keys()):
+        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {every}")
     check_scene(scene)
-    values = {name: jnp.broadcast_to(by_name[name].value, scene.particles.mass.shape) for name in names}
-    paths = tuple(by_name[name].path for name in names)
+    shapes = {name: (scene.grid.nodes,) if name in WALL_STRENGTH else scene.particles.mass.shape for name in names}
+    values = {name: jnp.broadcast_to(known[name][1], shape) for name, shape in shapes.items()}
+    paths = tuple(known[name][0] for name in names)
     (value, status), derivatives = _derivatives(
         values, scene, state, paths=paths, objective=objective, steps=steps, memory=memory
     )
@@ -78,6 +79,9 @@ def _derivatives(
     memory: float,
 ) -> tuple[Array, Array]:
     """Objective and status; `paths` are those of the names, which are sorted, as JAX sorts those of a dict."""
-    varied = replace(scene, material=with_parameters(scene.material, dict(zip(paths, values.values(), strict=True))))
+    given = dict(zip(paths, values.values(), strict=True))
+    walls = {WALL_STRENGTH[path]: given.pop(path) for path in paths if path in WALL_STRENGTH}
+    law = with_parameters(scene.material, given)
+    varied = replace(scene, material=law, boundary=replace(scene.boundary, **walls))
     end, _ = replay(varied, state, steps, memory=memory)
     return objective(end), end.status

@@ -1,13 +1,13 @@
-"""Back-analysis: the strength of a slide that happened, from its final surface and a few displacement histories.
+"""Back-analysis: the soil of a slide that happened, from its final surface and a few displacement histories.
 
-Least squares with the prior of the random field: the most probable parameters, and how well the data determine each,
-by the Gauss-Newton (Laplace) approximation of their covariance (Tarantola 2005, Inverse Problem Theory,
-10.1137/1.9780898717921, Section 3.2).
+Least squares with a prior: the most probable parameters, and how well the data determine each, by the Gauss-Newton
+(Laplace) approximation of their covariance (Tarantola 2005, Inverse Problem Theory, 10.1137/1.9780898717921, Section
+3.2).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import jax
@@ -17,13 +17,14 @@ import optax
 from jax import Array
 from jax.flatten_util import ravel_pytree
 
-from cooperative.runs import GridModel
-from jaxmpm import objectives, pytree, replay, with_soil
-from jaxmpm.laws import declared
+from cooperative.tools.research._run import Field, varied_run
+from jaxmpm import Scene, State, objectives, pytree
+from jaxmpm.setup import numbers_of
+from jaxmpm.support import check
 from jaxmpm.support.text import shown
 
-# Prior deviation of the logarithms of strength and softening: a factor of 1.3 either way.
 LOG_DEVIATION = 0.3
+"""Prior deviation of the logarithms of factors: 1.3 either way."""
 
 
 @pytree
@@ -32,13 +33,12 @@ class Parameters:
     """What is looked for.
 
     Args:
-        strength: logarithms of factors on the model's mean strength and softening modulus.
-        softening: logarithms of factors on the model's mean strength and softening modulus.
-        coefficients: (n,) the leading ones of the strength's random field, the rest being 0.
+        factors: logarithms of factors () on numbers of the scene, by the names that `jaxmpm.with_soil` and
+            `jaxmpm.laws.declared` have for them.
+        coefficients: (n,) of the field, independent standard normals.
     """
 
-    strength: Array | float
-    softening: Array | float
+    factors: Mapping[str, Array | float]
     coefficients: Array | np.ndarray
 
 
@@ -94,93 +94,104 @@ class Recovery:
     predicted: Observed
 
 
-def predict(model: GridModel, survey: Survey, parameters: Parameters, *, memory: float = 2e9) -> Observed:
+def predict(
+    scene: Scene,
+    state: State,
+    survey: Survey,
+    parameters: Parameters,
+    field: Field | None = None,
+    *,
+    memory: float = 2e9,
+) -> Observed:
     """What the survey would show of the slide that these parameters make.
 
-    Differentiable.
+    Differentiable. Initial stress follows stiffness and weight; the time step stays that of the scene.
 
     Args:
-        model: grid and soil.
+        scene: with a law of any kind.
+        state: at the start.
         survey: what is observed, and when.
-        parameters: of the soil.
+        parameters: of the soil, and of walls and a base.
+        field: coefficients (n,) -> the values that `jaxmpm.with_soil` takes, as `GridModel.leading` of a campaign
+            gives them; None where there are no coefficients. Factors multiply what it gives.
         memory: bytes for reverse mode.
 
+    Returns:
+        Readings, nan where the run breaks off.
+
     Raises:
-        ValueError: markers that are no particles of the model, a soil that does not soften by a modulus, and random
-            stiffness or weight.
+        ValueError: markers that are no particles of the scene, a factor of something that the scene does not have, or
+            coefficients without a field.
     """
-    model.refuse_own_start()
-    scene, numbers = model.scene, declared(model.scene.material)
     count = scene.particles.mass.size
     strangers = [int(m) for m in survey.markers if not 0 <= m < count]
     if strangers:
         raise ValueError(
-            f"markers = {shown(strangers)}: the model has {count} particles, give numbers from 0 to {count - 1}"
+            f"markers = {shown(strangers)}: the scene has {count} particles, give numbers from 0 to {count - 1}"
         )
-    if {"softening_modulus", "strain_95"}.isdisjoint(numbers):
-        raise ValueError("the soil does not soften: give it a softening_modulus, or leave back-analysis of it out")
-    if "softening_modulus" not in numbers:
-        raise ValueError(
-            "the soil loses strength exponentially (strain_95), and back-analysis asks for the modulus of a straight "
-            "loss: give the soil a softening_modulus instead"
-        )
-    dtype = scene.particles.mass.dtype
-    missing = model.soil.modes - len(parameters.coefficients)
-    field = jnp.concatenate([jnp.asarray(parameters.coefficients, dtype), jnp.zeros(missing, dtype)])
-    values_of_soil = {
-        numbers[name].path: numbers[name].value for name in ("strength", "softening_modulus")
-    } | model.varied(field)
-    changed = {"strength": parameters.strength, "softening.modulus": parameters.softening}
-    # Zones without a parameter have nan for it, and 0 times nan would be their part of its derivative.
-    values_of_soil |= {path: jnp.nan_to_num(values_of_soil[path]) * jnp.exp(change) for path, change in changed.items()}
-    varied, _ = with_soil(scene, model.state, **values_of_soil)
+    if field is None and len(parameters.coefficients):
+        raise ValueError(f"{len(parameters.coefficients)} coefficients without a field: give it, or no coefficients")
+    values = {} if field is None else dict(field(jnp.asarray(parameters.coefficients, scene.particles.mass.dtype)))
+    known = numbers_of(scene)
+    if unknown := sorted(parameters.factors.keys() - known.keys()):
+        raise ValueError(f"{unknown} is no number of the scene: give some of {list(known)}")
+    for name, factor in parameters.factors.items():
+        path, value = known[name]
+        # Zones without a number have nan for it, and 0 times nan would be their part of its derivative.
+        values[path] = jnp.nan_to_num(values.get(path, value)) * jnp.exp(factor)
     every = max(1, round(survey.seconds / float(scene.numerics.time_step) / survey.times))
-    final, histories = replay(
-        varied, model.state, every * survey.times, memory=memory, every=every,
+    final, histories = varied_run(
+        scene, state, values, every * survey.times, memory=memory, every=every,
         observe=lambda s: s.displacement[:, survey.markers],
     )  # fmt: skip
-    return Observed(
-        objectives.column_height(scene, final, jnp.asarray(survey.stations, dtype), survey.width), histories
-    )
+    stations = jnp.asarray(survey.stations, scene.particles.mass.dtype)
+    return Observed(objectives.column_height(scene, final, stations, survey.width), histories)
 
 
 def recover(
-    model: GridModel,
+    scene: Scene,
+    state: State,
     survey: Survey,
     observed: Observed,
     noise: float,
     *,
-    modes: int,
+    names: Collection[str],
+    field: Field | None = None,
+    coefficients: int = 0,
     iterations: int = 60,
     optimiser: optax.GradientTransformation | None = None,
     report: Callable[[int, float], None] | None = None,
 ) -> Recovery:
-    """The most probable parameters behind `observed`, with `modes` leading coefficients, from the prior's middle.
+    """The most probable parameters behind `observed`, from the middle of the prior.
 
     Args:
-        model: grid and soil.
+        scene: with a law of any kind.
+        state: at the start.
         survey: what is observed, and when.
         observed: readings.
         noise: standard deviation of every reading (m).
-        modes: number of leading coefficients.
+        names: of numbers on which factors are looked for, as in `Parameters`.
+        field: as for `predict`.
+        coefficients: how many the field has.
         iterations: of the optimiser.
         optimiser: of optax, L-BFGS with its line search by default.
         report: called with the number and the loss of every iteration.
 
     Raises:
-        ValueError: a noise that is not positive, more modes than the field has, or a loss that is not finite.
+        ValueError: a noise that is not positive, nothing to look for, a loss that is not finite, or as for `predict`.
     """
-    if not noise > 0:
-        raise ValueError(f"noise = {noise} m: give a standard deviation above 0")
-    if not 0 <= modes <= model.soil.modes:
-        raise ValueError(f"modes = {modes}: the field has {model.soil.modes}, give at most these")
-    dtype = model.scene.particles.mass.dtype
-    start = Parameters(jnp.zeros((), dtype), jnp.zeros((), dtype), jnp.zeros(modes, dtype))
-    prior = Parameters(LOG_DEVIATION, LOG_DEVIATION, np.ones(modes))
+    check.positive("noise", noise, "m")
+    check.whole("coefficients", coefficients, least=0)
+    if not names and not coefficients:
+        raise ValueError("there are neither names nor coefficients to look for: give some")
+    dtype = scene.particles.mass.dtype
+    none = jnp.zeros((), dtype)
+    start = Parameters(dict.fromkeys(names, none), jnp.zeros(coefficients, dtype))
+    prior = Parameters(dict.fromkeys(names, LOG_DEVIATION), np.ones(coefficients))
     optimiser = optax.with_extra_args_support(optimiser or optax.lbfgs())
 
     def residuals(parameters: Parameters) -> tuple[Array, Observed]:
-        predicted = predict(model, survey, parameters)
+        predicted = predict(scene, state, survey, parameters, field)
         misfit = jax.tree.map(lambda a, b: jnp.ravel(a - b) / noise, predicted, observed)
         unlikely = jax.tree.map(lambda value, deviation: jnp.ravel(value / deviation), parameters, prior)
         return jnp.concatenate(jax.tree.leaves((misfit, unlikely))), predicted

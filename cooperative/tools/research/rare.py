@@ -23,8 +23,9 @@ import numpy as np
 from scipy import special, stats
 
 from cooperative.estimate import Estimate, as_answers, with_variance
-from cooperative.runs import GridModel
-from jaxmpm import objectives, replay, with_soil
+from cooperative.tools.research._run import Field, varied_run
+from jaxmpm import Scene, State, objectives
+from jaxmpm.support import check
 
 # Displacement (m) below which the smooth measure flattens out.
 FLOOR = 1e-4
@@ -195,29 +196,31 @@ def _checked(limit_state: Callable[[np.ndarray], tuple[float, np.ndarray]], at: 
 
 
 def slide_limit_state(
-    model: GridModel, *, seconds: float, displacement: float, memory: float = 2e9
+    scene: Scene, state: State, field: Field, *, seconds: float, displacement: float, memory: float = 2e9
 ) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
-    """Limit state of a slope and its gradient by the field's coefficients, for `design_point`.
+    """Limit state of a slope and its gradient by the coefficients of a field, for `design_point`.
 
-    log(displacement / u), u the root mean square displacement (m) after `seconds` on the model's grid: positive where
-    the slope stands, smooth from rest to slide. A few seconds are enough, and a longer run makes it rougher.
+    log(displacement / u), u the root mean square displacement (m) after `seconds`: positive where the slope stands,
+    smooth from rest to slide. A few seconds are enough, and a longer run makes it rougher. Initial stress follows
+    stiffness and weight; the time step stays that of the scene.
 
     Args:
-        model: grid and soil.
+        scene: with a law of any kind.
+        state: at the start.
+        field: coefficients (M,) -> the values that `jaxmpm.with_soil` takes, as `GridModel.varied` of a campaign does.
         seconds: length of the run (s).
         displacement: at which the limit state is 0 (m).
         memory: bytes for reverse mode.
 
     Raises:
-        ValueError: stiffness or weight are random, on which the initial stress depends.
+        ValueError: a length or a displacement that is not positive.
     """
-    model.refuse_own_start()
-    scene, state = model.scene, model.state
+    check.positive("seconds", seconds, "s")
+    check.positive("displacement", displacement, "m")
     steps = max(1, round(seconds / float(scene.numerics.time_step)))
 
     def measured(coefficients: jax.Array) -> jax.Array:
-        varied, _ = with_soil(scene, state, **model.varied(coefficients))
-        final, _ = replay(varied, state, steps, memory=memory)
+        final, _ = varied_run(scene, state, field(coefficients), steps, memory=memory)
         return jnp.log(displacement / FLOOR) - objectives.log_displacement(final, FLOOR)
 
     both = jax.jit(jax.value_and_grad(measured))

@@ -124,7 +124,8 @@ def test_a_slide_in_both_kinds_is_predicted_and_its_derivative_finite():
     survey = Survey(0.2, 2, np.array([0, 100]), np.array([12.0, 20.0]))
 
     def height(strength):
-        return predict(model, survey, Parameters(strength, 0.0, np.zeros(3))).surface.sum()
+        parameters = Parameters({"strength": strength}, np.zeros(3))
+        return predict(model.scene, model.state, survey, parameters, model.leading).surface.sum()
 
     value, slope = jax.value_and_grad(height)(jnp.asarray(-0.5))
     assert np.isfinite(value)

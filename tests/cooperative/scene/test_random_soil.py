@@ -344,5 +344,13 @@ def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
 def test_what_knows_undrained_strength_alone_says_so():
     with pytest.raises(ValueError, match="a sweep varies the field of undrained strength"):
         variants(SAND + "[sweep]\ncov = [0.2, 0.4]\n")
-    with pytest.raises(ValueError, match=r"random are cohesion, friction, young, unit_weight, .* and with stiffness"):
-        slide_limit_state(model_of(ALL), seconds=1.0, displacement=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("x64")
+def test_a_limit_state_is_differentiated_with_the_stress_at_rest_of_random_stiffness_and_weight():
+    model = model_of(ALL, at_rest=True)
+    limit_state = slide_limit_state(model.scene, model.state, model.varied, seconds=0.3, displacement=0.5)
+    at, along = np.random.default_rng(5).standard_normal((2, model.soil.modes))
+    ahead, behind = (limit_state(at + step * along)[0] for step in (1e-4, -1e-4))
+    assert limit_state(at)[1] @ along == pytest.approx((ahead - behind) / 2e-4, rel=1e-3)

@@ -81,3 +81,23 @@ def test_a_number_that_the_law_does_not_have_is_refused():
         mpm.sensitivity(scene, state, moving, ["cohesion", "strength"], steps=2)
     _, by = mpm.sensitivity(scene, state, moving, ["strength"], steps=2)
     assert np.shape(by["strength"]) == scene.particles.mass.shape
+
+
+@pytest.mark.usefixtures("x64")
+def test_derivatives_by_the_strength_of_a_contact_are_those_of_differences_at_its_nodes():
+    drawn = mpm.Section([(0, 4), (3, 4), (5, 1), (8, 1)], interface=mpm.Interface(friction=20.0, cohesion=500.0))
+    scene, state = mpm.section(drawn, mpm.Soil(strength=20e3, young=5e6), mpm.Discretisation(1.0, (0.5, 0.5)))
+    scene = mpm.reduced(scene, 4.0)
+    names = ["wall_friction", "wall_cohesion"]
+    _, by = mpm.sensitivity(scene, state, moving, names, steps=25)
+    assert mpm.sensitivity(scene, state, moving, steps=25)[1].keys() > set(names)
+    uneven = jnp.asarray(np.random.default_rng(2).uniform(0.5, 1.5, scene.grid.nodes))
+
+    def reached(factors):
+        values = {name: getattr(scene.boundary, name[5:]) * (1 + (factors[name] - 1) * uneven) for name in names}
+        return moving(mpm.replay(mpm.with_soil(scene, state, **values)[0], state, 25)[0])
+
+    slopes = [float(jnp.sum(by[name] * getattr(scene.boundary, name[5:]) * uneven)) for name in names]
+    differences = by_shares(reached, dict.fromkeys(names, 1.0))
+    assert np.all(differences != 0)
+    np.testing.assert_allclose(slopes, differences, rtol=1e-4)
