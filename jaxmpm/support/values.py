@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import itertools
 import textwrap
 from collections.abc import Mapping
 from typing import Any, TypeVar
@@ -17,6 +18,9 @@ Class = TypeVar("Class", bound=type)
 
 WIDTH, LINES = 100, 10
 """Characters and lines that a value is shown in at most."""
+
+ENDS = 2
+"""Items at each end of a long sequence that are shown where all of them would take more lines."""
 
 DEEPEST = 4
 """Levels of nested dataclasses that are shown, fewer where they would take more lines."""
@@ -56,19 +60,20 @@ def shown(value: object) -> str:
         Its class and fields, an array as its type and shape.
     """
     lines: list[str] = []
-    for depth in range(DEEPEST, -1, -1):
-        lines = textwrap.wrap(_text(value, depth), WIDTH, subsequent_indent="    ", break_long_words=False)
+    for depth, ends in itertools.product(range(DEEPEST, -1, -1), (None, ENDS)):
+        text = _text(value, depth, ends)
+        lines = textwrap.wrap(text, WIDTH, subsequent_indent="    ", break_long_words=False)
         if len(lines) <= LINES:
             break
     return "\n".join(lines if len(lines) <= LINES else [*lines[: LINES - 1], "    ...)"])
 
 
-def _text(value: Any, depth: int) -> str:
+def _text(value: Any, depth: int, ends: int | None) -> str:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [f for f in dataclasses.fields(value) if f.repr and not _is_default(getattr(value, f.name), f.default)]
         if depth == 0 and fields:
             return f"{type(value).__name__}(...)"
-        inner = (f"{f.name}={_text(getattr(value, f.name), depth - 1)}" for f in fields)
+        inner = (f"{f.name}={_text(getattr(value, f.name), depth - 1, ends)}" for f in fields)
         return f"{type(value).__name__}({', '.join(inner)})"
     if _is_array(value):
         if value.shape == () and not isinstance(value, jax.core.Tracer | jax.ShapeDtypeStruct):
@@ -76,12 +81,15 @@ def _text(value: Any, depth: int) -> str:
         kind = value.dtype.name.replace("float", "f").replace("int", "i")
         return f"{kind}[{','.join(map(str, value.shape))}]"
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        inner = (f"{name}={_text(item, depth - 1)}" for name, item in zip(value._fields, value, strict=True))
+        inner = (f"{name}={_text(item, depth - 1, ends)}" for name, item in zip(value._fields, value, strict=True))
         return f"{type(value).__name__}({', '.join(inner)})"
     if isinstance(value, tuple | list):
-        return f"({', '.join(_text(item, depth) for item in value)}{',' * (len(value) == 1)})"
+        items = [_text(item, depth, ends) for item in value]
+        if ends is not None and len(items) > 2 * ends + 1:
+            items[ends:-ends] = ["..."]
+        return f"({', '.join(items)}{',' * (len(value) == 1)})"
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key!r}: {_text(item, depth)}' for key, item in value.items())}}}"
+        return f"{{{', '.join(f'{key!r}: {_text(item, depth, ends)}' for key, item in value.items())}}}"
     return str(value) if isinstance(value, enum.Enum) else getattr(value, "__name__", None) or short(repr(value))
 
 

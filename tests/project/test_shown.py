@@ -84,3 +84,11 @@ def test_what_a_session_holds_is_shown_in_ten_lines():
     )
     assert "index=int32[2," in repr(expansion)
     assert expansion == runs.random_soil(campaign).groups[0].expansion
+
+
+def test_a_long_sequence_shows_its_ends_so_that_all_fields_are_seen():
+    tried = tuple((k / 10, k / 1000) for k in range(100))
+    shown = repr(mpm.run.FactorOfSafety(stable=1.0, fails=1.1, tried=tried, kink=1.05))
+    assert short(shown)
+    assert shown.startswith("FactorOfSafety(stable=1.0, fails=1.1, tried=((0.0, 0.0), (0.1, 0.001), ..., (9.8, 0.098)")
+    assert shown.endswith("kink=1.05)")
