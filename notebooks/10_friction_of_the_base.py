@@ -145,8 +145,8 @@ plt.show()
 # | search | 40 runs, 39 Jacobians (forward mode) | 500 gradients (reverse mode, Adam) | |
 # | steps of a run | 319 | 13,333 | 200 measured |
 # | forward run, float32 / float64 | | 0.36 / 0.40 us | 0.086 / 0.17 us |
-# | value and gradient, float32 / float64 | | 2.1 / 2.8 us | 0.39 us / not measured |
-# | memory of the gradient over 200 steps, float32 | | 78 MB | 82 MB |
+# | value and gradient, float32 / float64 | | 2.1 / 2.8 us | 0.39 / 0.60 us |
+# | memory of the gradient over 200 steps, float32 / float64 | | 78 MB / not read | 82 / 164 MB |
 # | the whole search | printed above | 32 hours of one core, from 2.8 us | |
 #
 # Its forward run holds 1.2 GB, the position of all particles after every step. The laws differ, water there and soil
