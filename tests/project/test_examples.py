@@ -12,7 +12,12 @@ from cooperative.tools.sweep_fragility import fit_fragility
 MAIN = (
     *(jaxmpm.slope, jaxmpm.solve, jaxmpm.solve_each, jaxmpm.with_soil),
     *(kl.expand, kl.field_at, kl.Lognormal),
-    *(cooperative.estimate.wilson_interval, cooperative.monte_carlo, cooperative.rank_samples, cooperative.two_phase),
+    *(
+        cooperative.estimate.wilson_interval,
+        cooperative.monte_carlo,
+        cooperative.rank_samples,
+        cooperative.estimate.two_phase,
+    ),
     fit_fragility,
 )
 
