@@ -376,8 +376,10 @@ class GridModel:
         if SATURATED in drawn or wetted(site, soil):
             weights = drawn.get(SATURATED), drawn.get("unit_weight")
             numbers["unit_weight"] = wet_or_dry(self.scene, site, soil, layer, *weights, level)
-        if "k0" in numbers:  # a layer without one has that of the scene
-            numbers["k0"] = jnp.where(jnp.isnan(numbers["k0"]), self.scene.loads.k0, numbers["k0"])
+        if "k0" in numbers:
+            everywhere = self.scene.loads.k0
+            assert everywhere is not None  # a layer without one has that of the scene
+            numbers["k0"] = jnp.where(jnp.isnan(numbers["k0"]), everywhere, numbers["k0"])
         if self.stress is not None:
             grown = by_stress(site, soil, layer, self.stress, drawn.get(RATIO), numbers.get("strength"))
             numbers["strength"] = self._of_engineers("strength", grown)

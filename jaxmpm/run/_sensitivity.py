@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -80,7 +81,7 @@ def _derivatives(
 ) -> tuple[Array, Array]:
     """Objective and status; `paths` are those of the names, which are sorted, as JAX sorts those of a dict."""
     given = dict(zip(paths, values.values(), strict=True))
-    walls = {WALL_STRENGTH[path]: given.pop(path) for path in paths if path in WALL_STRENGTH}
+    walls: dict[str, Any] = {WALL_STRENGTH[path]: given.pop(path) for path in paths if path in WALL_STRENGTH}
     law = with_parameters(scene.material, given)
     varied = replace(scene, material=law, boundary=replace(scene.boundary, **walls))
     end, _ = replay(varied, state, steps, memory=memory)

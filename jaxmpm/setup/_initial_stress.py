@@ -296,7 +296,7 @@ def settled(scene: Scene, state: State) -> State:
     return with_stress(scene, state, balanced)
 
 
-def of_level_ground(scene: Scene, vertical: ArrayLike, k0: ArrayLike | None) -> Array:
+def of_level_ground(scene: Scene, vertical: np.ndarray | Array, k0: ArrayLike | None) -> Array:
     """Stress of level ground under its own weight.
 
     Args:
@@ -344,7 +344,7 @@ def check_borne(scene: Scene) -> None:
 
 @jax.jit
 def _yields(scene: Scene, vertical: Array, k0: Array) -> Array:
-    """Whether each particle (N,) yields at once under the stress of level ground."""
+    """Whether each particle (N,) yields at once under a stress of level ground that is not that of elastic loading."""
     law, particles = scene.material, scene.particles
     stress = tensors.expand(of_level_ground(scene, vertical, k0), scene.grid.dimension)
     history = law.history_at_rest(law.initial_history(particles), stress)
@@ -352,7 +352,8 @@ def _yields(scene: Scene, vertical: Array, k0: Array) -> Array:
     after, _ = law.update(none, stress, history, scene.numerics.time_step)
     pairs = zip(after, stress, strict=True)
     change = jnp.max(jnp.stack([jnp.abs(new - old) for new, old in pairs if not tensors.absent(old)]), axis=0)
-    return (vertical > 0) & ~(change <= BORNE * vertical)
+    given = jnp.abs(k0 - elastic_ratio(law.bulk, law.shear)) > BORNE * k0
+    return given & (vertical > 0) & ~(change <= BORNE * vertical)
 
 
 def _with_loose_soil(scene: Scene, stress: Array, gapped: bool, residual: float) -> Array:
