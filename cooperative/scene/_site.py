@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -192,14 +193,14 @@ class Site:
         """What a parameter that varies is in each layer.
 
         A field, also that of an interface, or the number of a layer in which it does not vary; the mean of the field in
-        a layer whose kind of soil has no such parameter.
+        a layer whose kind of soil has no such parameter, and nan in one without a k0, which elastic loading gives it.
         """
         if parameter in CONTACT:
             return (field,) * max(len(self.layers), 1)
 
         def number(soil: AnySoil) -> float:
             value = getattr(soil, parameter, None)
-            return field.mean if value is None else float(value)
+            return (math.nan if parameter == "k0" else field.mean) if value is None else float(value)
 
         return tuple(layer.random.get(parameter) or number(layer.layer.soil) for layer in self.layers) or (field,)
 
