@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import operator
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import jax
@@ -28,7 +29,7 @@ from jaxmpm.equations import (
     pushed,
     update_stress,
 )
-from jaxmpm.transfer import inside, locate, momentum, velocity_gradient
+from jaxmpm.transfer import fits, inside, locate, momentum, near_soil, velocity_gradient
 from jaxmpm.types import Scene, Scheme, State, Status
 
 
@@ -59,12 +60,17 @@ def step(scene: Scene, state: State, dt: Array) -> State:
 
 def stepped(scene: Scene, state: State, dt: Array) -> State:
     """The state after a step of dt (s), whose length is taken as right."""
+    scene = near_soil(scene, grid_position(scene, state))
     after = moved(scene, state, dt)
     if scene.free_field is not None:
         low, high = (moved(column, column_state, dt) for column, column_state in beyond_ends(scene, state))
         after = replace(after, free_field=(low, high))
     status = lane_status(scene, jax.lax.stop_gradient(after), dt)
-    return replace(after, step=state.step + 1, status=jnp.where(state.status > Status.DECIDED, state.status, status))
+    after = replace(after, step=state.step + 1, status=jnp.where(state.status > Status.DECIDED, state.status, status))
+    if scene.grid.near is None:
+        return after
+    full = jnp.where(state.status > Status.DECIDED, state.status, int(Status.GRID_FULL)).astype(after.status.dtype)
+    return jax.tree.map(partial(jnp.where, fits(scene.grid)), after, replace(state, status=full))
 
 
 def moved(scene: Scene, state: State, dt: Array) -> State:

@@ -12,10 +12,11 @@ from jax import Array
 
 from jaxmpm.grid import Grid, Wall
 from jaxmpm.tensors import safe_sqrt
+from jaxmpm.transfer import along
 from jaxmpm.types import Scene
 
-Region = tuple[slice, ...]
-"""Of the nodes, as an index of an array of the grid's shape."""
+Region = tuple[slice, ...] | Array
+"""Of the nodes, as an index of an array of the grid's shape; where those near soil alone are stored, (rows,) bool."""
 
 
 def one_with(scene: Scene) -> list[tuple[int, int]]:
@@ -108,14 +109,14 @@ def hold(scene: Scene, nodal: Array, value: float = 0.0) -> Array:
         nodal = jnp.where(cut[:, None], value, nodal)
     if all(wall.hold == "friction" for wall in walls):
         return nodal
-    shape = (*grid.shape, grid.dimension)
+    shape = (*(grid.shape if grid.near is None else (grid.rows,)), grid.dimension)
     fixed = jnp.zeros(shape, bool)
     for wall in walls:
         if wall.hold == "friction":
             continue
-        beyond = _beyond(wall, shape)
+        beyond = _beyond(wall, grid, shape)
         if wall.hold == "roller":
-            beyond &= jax.lax.broadcasted_iota(jnp.int32, shape, grid.dimension) == wall.axis
+            beyond &= jax.lax.broadcasted_iota(jnp.int32, shape, len(shape) - 1) == wall.axis
         fixed |= beyond
     # One selection, of a mask that XLA makes once: a selection per wall would be made in every step.
     return jnp.where(fixed.reshape(nodal.shape), value, nodal)
@@ -140,6 +141,9 @@ def slide(scene: Scene, velocity: Array, braked: Callable[[Region | None, Array]
     """
     shape = (*scene.grid.shape, scene.grid.dimension)
     for region, normal in _walls(scene):
+        if not isinstance(region, tuple):
+            velocity = _slid(velocity, jnp.where(region[:, None], normal, 0), partial(braked, region))
+            continue
         field = velocity.reshape(shape)
         slid = _slid(field[region], normal, partial(braked, region))
         velocity = field.at[region].set(slid).reshape(velocity.shape)
@@ -171,8 +175,11 @@ def along_walls(scene: Scene, velocity: Array, after: Array) -> Array:
     Returns:
         (nodes, d) m/s.
     """
-    field = after.reshape(*scene.grid.shape, -1)
     for region, _ in _walls(scene):
+        if not isinstance(region, tuple):
+            velocity = jnp.where(region[:, None], after, velocity)
+            continue
+        field = after.reshape(*scene.grid.shape, -1)
         velocity = velocity.reshape(field.shape).at[region].set(field[region]).reshape(after.shape)
     base = scene.boundary.base
     return velocity if base is None else jnp.where(jnp.any(base.normal != 0, axis=1)[:, None], after, velocity)
@@ -202,10 +209,16 @@ def _walls(scene: Scene) -> Iterator[tuple[Region, Array]]:
         if wall.hold == "friction":
             low = wall.side == "low"
             nodes = slice(wall.index + 1) if low else slice(wall.index, None)
-            yield (slice(None),) * wall.axis + (nodes,), axes[wall.axis] if low else -axes[wall.axis]
+            region: Region = (slice(None),) * wall.axis + (nodes,)
+            if scene.grid.near is not None:
+                region = _beyond(wall, scene.grid, (scene.grid.rows,))
+            yield region, axes[wall.axis] if low else -axes[wall.axis]
 
 
-def _beyond(wall: Wall, shape: tuple[int, ...]) -> Array:
-    """Nodes on a wall or beyond it, in an array of this shape."""
-    along = jax.lax.broadcasted_iota(jnp.int32, shape, wall.axis)
-    return along <= wall.index if wall.side == "low" else along >= wall.index
+def _beyond(wall: Wall, grid: Grid, shape: tuple[int, ...]) -> Array:
+    """Nodes on a wall or beyond it, in an array of this shape, of a grid's nodes or its rows."""
+    if grid.near is None:
+        number = jax.lax.broadcasted_iota(jnp.int32, shape, wall.axis)
+    else:
+        number = jnp.broadcast_to(along(grid, wall.axis).reshape(-1, *[1] * (len(shape) - 1)), shape)
+    return number <= wall.index if wall.side == "low" else number >= wall.index

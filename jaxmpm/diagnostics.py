@@ -14,6 +14,7 @@ from jaxmpm.boundary import hold
 from jaxmpm.equations import Maps, acting_stress, external_force, felt_gravity, grid_position, reciprocal
 from jaxmpm.support import check
 from jaxmpm.transfer import momentum as particle_momentum
+from jaxmpm.transfer import on_nodes
 from jaxmpm.types import Scene, State
 
 
@@ -163,11 +164,16 @@ def grid_velocity(scene: Scene, state: State) -> Array:
         ValueError: If the state is not of one lane of this scene.
     """
     _of_one_lane(scene, state)
-    maps, d = Maps(scene, grid_position(scene, state)), scene.grid.dimension
-    carried = {"mass": scene.particles.mass[None], "momentum": particle_momentum(scene, state, maps.position)}
-    sums = maps.sums(carried, None)
-    velocity = hold(scene, reciprocal(scene, maps.fold(sums["mass"])) * maps.momentum(sums["momentum"]))
-    return maps.to_particles(velocity, values=d, gradients=0)[0]
+    position = grid_position(scene, state)
+
+    def on(scene: Scene) -> Array:
+        maps, d = Maps(scene, position), scene.grid.dimension
+        carried = {"mass": scene.particles.mass[None], "momentum": particle_momentum(scene, state, maps.position)}
+        sums = maps.sums(carried, None)
+        velocity = hold(scene, reciprocal(scene, maps.fold(sums["mass"])) * maps.momentum(sums["momentum"]))
+        return maps.to_particles(velocity, values=d, gradients=0)[0]
+
+    return on_nodes(scene, position, on)
 
 
 def kinetic_energy(scene: Scene, state: State) -> Array:
@@ -262,14 +268,19 @@ def unbalanced_force(scene: Scene, state: State) -> Array:
         ValueError: If the state is not of one lane of this scene.
     """
     _of_one_lane(scene, state)
-    maps, particles = Maps(scene, grid_position(scene, state)), scene.particles
-    volume = particles.volume * state.volume_ratio
-    sums = maps.sums({"mass": particles.mass[None]}, acting_stress(scene, state.stress, volume, maps))
-    time = state.step * scene.numerics.time_step
-    load = maps.fold(sums["mass"]) * felt_gravity(scene, time)
-    external = external_force(scene, maps.position, time)
-    if external is not None:
-        load = load + maps.to_grid(external, None)
-    weight = hold(scene, load)
-    net = hold(scene, maps.fold(sums["force"]) + load)
-    return jnp.sqrt(jnp.sum(net**2) / jnp.maximum(jnp.sum(weight**2), jnp.finfo(net.dtype).tiny))
+    position = grid_position(scene, state)
+
+    def on(scene: Scene) -> Array:
+        maps, particles = Maps(scene, position), scene.particles
+        volume = particles.volume * state.volume_ratio
+        sums = maps.sums({"mass": particles.mass[None]}, acting_stress(scene, state.stress, volume, maps))
+        time = state.step * scene.numerics.time_step
+        load = maps.fold(sums["mass"]) * felt_gravity(scene, time)
+        external = external_force(scene, maps.position, time)
+        if external is not None:
+            load = load + maps.to_grid(external, None)
+        weight = hold(scene, load)
+        net = hold(scene, maps.fold(sums["force"]) + load)
+        return jnp.sqrt(jnp.sum(net**2) / jnp.maximum(jnp.sum(weight**2), jnp.finfo(net.dtype).tiny))
+
+    return on_nodes(scene, position, on)

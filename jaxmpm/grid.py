@@ -26,6 +26,25 @@ def static(**kwargs: Any) -> Any:
 
 @pytree
 @dataclass(frozen=True)
+class NearNodes:
+    """Nodes of a grid that lie near soil: of each column along the last axis those that soil reaches and those between.
+
+    One more lies above them. They are stored one column after the other. Rows that remain beyond the last column hold
+    no node.
+
+    Args:
+        first: (1, columns) row of the lowest node of each column, less that node's number in the column.
+        node: (rows,) number of each row's node in the grid, -1 of a row without one.
+        needed: () number of rows that the soil needs; with more than there are, the other two mean nothing.
+    """
+
+    first: Array
+    node: Array
+    needed: Array
+
+
+@pytree
+@dataclass(frozen=True)
 class Grid:
     """Regular background grid.
 
@@ -33,11 +52,15 @@ class Grid:
         shape: nodes per axis; static.
         cell: edge of a cell (m); static.
         origin: position of node 0 (m); static.
+        stored: number of nodes that a step stores, those near the soil; None for all; static.
+        near: which these are, as a step finds them; None before and where it stores all.
     """
 
     shape: tuple[int, ...] = static()
     cell: float = static()
     origin: tuple[float, ...] = static()
+    stored: int | None = static(default=None)
+    near: NearNodes | None = None
 
     @property
     def dimension(self) -> int:
@@ -51,6 +74,11 @@ class Grid:
         for n in self.shape:
             total *= n
         return total
+
+    @property
+    def rows(self) -> int:
+        """Length of an array of values at the nodes that are stored."""
+        return self.nodes if self.near is None else self.near.node.shape[-1]
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,9 @@ class Status(enum.IntEnum):
     """State of a lane; one above DECIDED has failed, and its fields are those of its last step.
 
     DECIDED: its displacement passed the limit beyond which the caller needs no more. BAD_PARAMETER: a number of its
-    scene is not finite or beyond its limit, so it took no step. Files store names and numbers, so new ones go to the
-    end.
+    scene is not finite or beyond its limit, so it took no step. GRID_FULL: its soil reaches more nodes than the scene
+    stores, so it took no step; `solve` and `solve_each` store more and go on. Files store names and numbers, so new
+    ones go to the end.
     """
 
     RUNNING = 0
@@ -51,6 +52,7 @@ class Status(enum.IntEnum):
     INVERTED = 6
     TIME_STEP_TOO_LARGE = 7
     BAD_PARAMETER = 8
+    GRID_FULL = 9
 
 
 @pytree

@@ -19,8 +19,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxmpm.grid import Grid
 from jaxmpm.laws import Elastic, frictional
 from jaxmpm.tensors import ACTING, AXES, VOIGT
+from jaxmpm.transfer import along, at_rows, beside
 from jaxmpm.types import Scene
 
 NARROW, WIDE = 0.02, 0.85
@@ -67,6 +69,32 @@ class GroundPlanes(NamedTuple):
         return jnp.pad(values, widths)
 
 
+class GroundRows(NamedTuple):
+    """`GroundPlanes` where nodes near soil alone are stored: fields are (rows, ...), and all rows are the ground's.
+
+    Args:
+        axis: normal to the planes.
+        inward: distance in nodes of the next planes into the soil, 1 or -1.
+        held: rows of the ground's nodes with soil's beside them (rows,).
+        into: rows beside each row into the soil (rows,), -1 for none.
+        out: rows beside it on the other side (rows,), likewise.
+    """
+
+    axis: int
+    inward: int
+    held: Array
+    into: Array
+    out: Array
+
+    def of(self, field: Array, beside: int = 0) -> Array:
+        """Values of a field (rows, ...), or those beside them."""
+        return at_rows(field, self.into) if beside else field
+
+    def padded(self, values: Array, planes: int, beside: int = 0) -> Array:
+        """A field with these values, or with them on the rows beside."""
+        return at_rows(values, self.out) if beside else values
+
+
 def sheared(scene: Scene) -> Array | bool:
     """Whether undrained soil may shear along rigid ground, of soil of both kinds which particles are undrained (N,)."""
     boundary = scene.boundary
@@ -99,12 +127,13 @@ def gaps(scene: Scene, mass: Array) -> Array | None:
     Returns:
         (nodes,) share of a cell, 0 at all other nodes; None where no ground holds soil along itself.
     """
-    found, field = None, mass.reshape(scene.grid.shape)
+    grid = scene.grid
+    found, field = None, laid_out(grid, mass)
     for ground in _grounds(scene):
         here = gap_of(ground.of(field), ground.of(field, ground.inward))
         if ground.held is not None:
             here = jnp.where(ground.held, here, 0)
-        here = ground.padded(here, field.shape[ground.axis])
+        here = ground.padded(here, grid.shape[ground.axis])
         found = here if found is None else jnp.maximum(found, here)
     return None if found is None else found.reshape(mass.shape)
 
@@ -143,9 +172,9 @@ def closed(
     """
     if gap is None:
         return force
-    shape = scene.grid.shape
-    field, lacking = force.reshape(*shape, -1), gap / (1 - gap) if undrained is None else undrained * gap / (1 - gap)
-    result, lacking = field, lacking.reshape(shape)
+    grid, lacking = scene.grid, gap / (1 - gap) if undrained is None else undrained * gap / (1 - gap)
+    result = field = laid_out(grid, force)
+    lacking = laid_out(grid, lacking)
     for ground in _grounds(scene, sticking=True):
         motion, share = ground.of(field), ground.of(lacking)
         if ground.held is not None:
@@ -153,7 +182,7 @@ def closed(
         if pressing:
             share = jnp.where(ground.inward * motion[..., ground.axis] < 0, share, 0)
         along = jnp.arange(motion.shape[-1]) != ground.axis
-        lacks, planes = jnp.where(along, share[..., None] * motion, 0), shape[ground.axis]
+        lacks, planes = jnp.where(along, share[..., None] * motion, 0), grid.shape[ground.axis]
         result = result + ground.padded(lacks, planes) - ground.padded(lacks, planes, ground.inward)
     return result.reshape(force.shape)
 
@@ -231,7 +260,12 @@ def shifted(field: Array, levels: int, axis: int) -> Array:
     return jax.lax.slice_in_dim(jnp.pad(field, ends), first, first + size, axis=axis)
 
 
-def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[GroundPlanes]:
+def laid_out(grid: Grid, values: Array) -> Array:
+    """Nodal values (nodes, ...) as an array of the grid's shape, or as they are where it stores those near soil."""
+    return values if grid.near is not None else values.reshape(*grid.shape, *values.shape[1:])
+
+
+def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[GroundPlanes | GroundRows]:
     """Walls that hold soil along themselves, and ground of any shape, whose next nodes lie above.
 
     Args:
@@ -239,15 +273,27 @@ def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[GroundPlanes]:
         sticking: leave out ground along which soil slides. Its nodes move, and those of a wide gap have so little mass
             that forces of a whole cell would throw them off.
     """
-    boundary = scene.boundary
+    boundary, grid = scene.boundary, scene.grid
     for wall in boundary.walls:
         if wall.hold == "fixed" or (wall.hold == "friction" and not sticking):
-            yield GroundPlanes(wall.axis, (wall.index, wall.index + 1), 1 if wall.side == "low" else -1)
+            inward = 1 if wall.side == "low" else -1
+            if grid.near is None:
+                yield GroundPlanes(wall.axis, (wall.index, wall.index + 1), inward)
+            else:
+                yield _rows_of_ground(grid, wall.axis, inward, along(grid, wall.axis) == wall.index)
     on_ground = boundary.cut
     if boundary.base is not None and not sticking:
         on_base = jnp.any(boundary.base.normal != 0, axis=1)
         on_ground = on_base if on_ground is None else on_ground | on_base
-    if on_ground is not None:
-        upright, field = scene.grid.dimension - 1, on_ground.reshape(scene.grid.shape)
+    upright = grid.dimension - 1
+    if on_ground is not None and grid.near is not None:
+        above = beside(grid, upright, 1)
+        yield _rows_of_ground(grid, upright, 1, on_ground & (above >= 0) & ~at_rows(on_ground, above))
+    elif on_ground is not None:
+        field = on_ground.reshape(grid.shape)
         ground = GroundPlanes(upright, (0, field.shape[upright] - 1), 1)
         yield ground._replace(held=ground.of(field) & ~ground.of(field, 1))
+
+
+def _rows_of_ground(grid: Grid, axis: int, inward: int, held: Array) -> GroundRows:
+    return GroundRows(axis, inward, held, beside(grid, axis, inward), beside(grid, axis, -inward))

@@ -16,7 +16,7 @@ from jaxmpm.equations._gaps import bridged, by_levels, closed, gaps, sheared, sh
 from jaxmpm.equations._maps import Maps, reciprocal
 from jaxmpm.equations._stress import acting_stress
 from jaxmpm.laws import softened
-from jaxmpm.transfer import momentum, thickness_on
+from jaxmpm.transfer import at_rows, beside, momentum, thickness_on
 from jaxmpm.types import Scene, State
 
 
@@ -247,8 +247,9 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
     assert friction is not None
 
     def at(region: Region | None, value: Array) -> Array:
-        """A number, or the nodes' values in a region."""
-        return value if region is None or not value.ndim else value.reshape(scene.grid.shape)[region]
+        """A number, or the nodes' values in a region; those of all rows for a region of rows."""
+        part = isinstance(region, tuple) and value.ndim
+        return value.reshape(scene.grid.shape)[region] if part else value
 
     def left(region: Region | None, strength: Array) -> Array:
         return strength if nodal.unsoftened is None else strength * at(region, nodal.unsoftened)
@@ -274,8 +275,12 @@ def pressed_on_base(scene: Scene, push: Array) -> Array:
     On steep rock the uppermost node of a column, which has the contact's area, may be drawn off it while those below
     press: soil above a step hangs over its edge.
     """
-    pressing = (push > 0).reshape(scene.grid.shape)
-    return (pressing | shifted(pressing, -1, scene.grid.dimension - 1)).ravel()
+    grid, pressing = scene.grid, push > 0
+    upright = grid.dimension - 1
+    if grid.near is not None:
+        return pressing | at_rows(pressing, beside(grid, upright, -1))
+    pressing = pressing.reshape(grid.shape)
+    return (pressing | shifted(pressing, -1, upright)).ravel()
 
 
 def led(scene: Scene, nodal: Nodal, before: Array, acceleration: Array, dt: Array) -> Array:

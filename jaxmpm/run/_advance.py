@@ -18,6 +18,7 @@ from jaxmpm.laws import hardens, snaps_back
 from jaxmpm.run._columns import recorded
 from jaxmpm.run._devices import over_devices
 from jaxmpm.support import check
+from jaxmpm.transfer import with_room
 from jaxmpm.types import Scene, State, Status
 
 Result = TypeVar("Result")
@@ -127,6 +128,35 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None, 
         return over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
 
     return over_devices(of_one_device, axes, steps, mesh)(scene, state, steps)
+
+
+def advance_with_room(
+    scene: Scene, state: State, steps: int | np.ndarray, axes: Scene | None, mesh: Mesh | None = None
+) -> tuple[Scene, Scene | None, State]:
+    """`advance_lanes`, with more nodes stored where the soil of a lane reaches more.
+
+    Args:
+        scene: to run.
+        state: of one lane, or of B with `axes`; it is donated.
+        steps: for all lanes, or (B,) for each.
+        axes: as of `advance_lanes`.
+        mesh: likewise.
+
+    Returns:
+        Scene and axes with as many nodes as were needed, and the state after the steps.
+    """
+    if scene.grid.stored is None:
+        return scene, axes, advance_lanes(scene, state, jnp.asarray(steps), axes, mesh)
+    last = np.asarray(state.step) + steps
+    while True:
+        state = advance_lanes(scene, state, jnp.asarray(last - np.asarray(state.step)), axes, mesh)
+        full = state.status == Status.GRID_FULL
+        if not full.any():
+            return scene, axes, state
+        state = replace(state, status=jnp.where(full, int(Status.RUNNING), state.status))
+        grid = with_room(scene.grid, scene.particles.position + state.displacement)
+        scene = replace(scene, grid=grid)
+        axes = None if axes is None else replace(axes, grid=grid)
 
 
 def is_none(node: object) -> bool:

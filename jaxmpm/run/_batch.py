@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm.run._advance import advance_lanes, is_none, take
+from jaxmpm.run._advance import advance_with_room, is_none, take
 from jaxmpm.run._devices import mesh_of, placed
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Rule, SlidesEnd, Watch, farthest, steps_until
@@ -177,17 +177,18 @@ class Batch:
         """
         mesh = mesh_of(len(self.numbers))
         scene, state = placed(self.scene, self.state, self.axes, mesh)
-        state = advance_lanes(scene, state, jnp.asarray(self.chunk), self.axes, mesh)
+        scene, axes, state = advance_with_room(scene, state, self.chunk, self.axes, mesh)
+        assert axes is not None
         elapsed = self.chunk * self.time_step
-        watch, status = self.watch.apply(scene, state, self.axes, elapsed)
+        watch, status = self.watch.apply(scene, state, axes, elapsed)
         step = np.asarray(state.step)
         over = (status == Status.RUNNING) & (step >= self.total)
         if slides_end is not None and over.any():
             last = np.array([steps_until(slides_end.time, dt) for dt in self.time_step])
-            reached = np.asarray(farthest(scene, state, self.axes, slides_end.least_volume))
+            reached = np.asarray(farthest(scene, state, axes, slides_end.least_volume))
             over &= (step >= last) | (reached <= slides_end.displacement)
         ended = jnp.asarray(np.where(over, Status.FINISHED, status), jnp.int32)
-        return replace(self, scene=scene, state=replace(state, status=ended), watch=watch)
+        return replace(self, scene=scene, axes=axes, state=replace(state, status=ended), watch=watch)
 
     def refill(self, lane: int, sample: Sample | None) -> Batch:
         """The batch with another sample in a lane, or none."""
@@ -195,7 +196,8 @@ class Batch:
         if sample is None:
             return replace(self, numbers=numbers)
         start = sample.begin()
-        scene, state = _put(self.scene, self.state, sample.scene, start.state, lane, self.axes)
+        of_sample = replace(sample.scene, grid=self.scene.grid)  # with as many nodes as lanes need
+        scene, state = _put(self.scene, self.state, of_sample, start.state, lane, self.axes)
         here, (dt, total, chunk) = np.arange(len(numbers)) == lane, _pace(sample.scene, self.t_end, self.every)
         return replace(
             self,

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from tqdm import tqdm
 
-from jaxmpm.run._advance import advance_lanes, running
+from jaxmpm.run._advance import advance_with_room, running
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._stopping import Condition, Rule, Watch, check_duration, check_rules, steps_until
 from jaxmpm.setup import check_scene
@@ -74,6 +74,8 @@ _ADVICE = {
     Status.INVERTED: "a particle's volume is no longer positive: refine the grid, or lower the CFL number",
     Status.TIME_STEP_TOO_LARGE: "a particle is faster than the time step allows: build the scene with a larger `speed`,"
     " or give soil without cohesion `tension_cutoff=0`, by which opened grains remember their gap",
+    Status.GRID_FULL: "its soil reaches more nodes than the scene stores: run it by `solve`, or give `follow_soil` the "
+    "state that it reaches",
     Status.BAD_PARAMETER: "a number of its scene, for example its strength at a particle, is not finite or beyond its "
     "limit, its softening snaps back, or its residual is above its peak: check the distribution of its samples",
 }
@@ -164,7 +166,7 @@ def solve(
     done = 0
     with tqdm(total=round(t_end, 6), unit="s", disable=not progress, bar_format=_BAR) as bar:
         for stop in stops:
-            state = advance_lanes(scene, state, jnp.asarray(stop - done), axes)
+            scene, axes, state = advance_with_room(scene, state, stop - done, axes)
             bar.update(min((stop - done) * dt, t_end - bar.n))
             if watch.rules:
                 watch, ended = watch.apply(scene, state, axes, (stop - done) * dt)

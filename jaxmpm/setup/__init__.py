@@ -12,6 +12,7 @@ from jaxmpm.setup._discretisation import (
     check_resolved,
 )
 from jaxmpm.setup._fill import fill, ordered
+from jaxmpm.setup._follow import follow_soil
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape, force_of_water, wave_speed
 from jaxmpm.setup._motion import pseudo_static, read_motion
@@ -41,6 +42,7 @@ __all__ = [
     "column",
     "end_walls",
     "fill",
+    "follow_soil",
     "force_of_water",
     "material_on",
     "numbers_of",

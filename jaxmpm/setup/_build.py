@@ -13,6 +13,7 @@ from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
 from jaxmpm.setup._discretisation import Discretisation
 from jaxmpm.setup._fill import ordered
+from jaxmpm.setup._follow import follow_sparse_soil
 from jaxmpm.setup._initial_stress import check_borne
 from jaxmpm.setup._law import in_total_stress_at
 from jaxmpm.setup._scene import scene, unstressed
@@ -121,6 +122,6 @@ def build(
         pressure = host(loads.pore_pressure).where(in_total_stress_at(material), 0.0, loads.pore_pressure)
         loads = replace(loads, pore_pressure=pressure)
     built = scene(particles, grid, material, discretisation, boundary=boundary, loads=loads, speed=speed)
-    built = with_stable_step(built, discretisation.cfl)
+    built = with_stable_step(follow_sparse_soil(built), discretisation.cfl)
     check_borne(built)
     return built, unstressed(built, apic=discretisation.apic)

@@ -20,6 +20,7 @@ from jaxmpm.boundary import Region, slide
 from jaxmpm.equations import Maps, Nodal, braked, move_grid, particles_to_grid, pushed
 from jaxmpm.laws import elastic_increment
 from jaxmpm.setup._choices import WALL_STRENGTH
+from jaxmpm.transfer import near_soil
 from jaxmpm.types import Scene, State
 
 EXCESS = 0.01
@@ -90,13 +91,15 @@ class ContactForces(NamedTuple):
 @jax.jit
 def drawn(scene: Scene, state: State) -> ContactForces:
     """How soil at rest draws on its contact."""
+    scene = near_soil(scene, scene.particles.position)
     dt, maps, strengths = scene.numerics.time_step, Maps(scene, scene.particles.position), []
     nodal = pushed(scene, state, at_start(scene, state, maps), maps)
-    brake, field = braked(scene, nodal, dt), nodal.mass[:, 0].reshape(scene.grid.shape)
+    brake, mass = braked(scene, nodal, dt), nodal.mass[:, 0]
 
     def noted(region: Region | None, push: Array) -> Array:
         largest = brake(region, push)
-        strengths.append(jnp.sum(largest * (field.ravel() if region is None else field[region])))
+        weighed = mass.reshape(scene.grid.shape)[region] if isinstance(region, tuple) else mass
+        strengths.append(jnp.sum(largest * weighed))
         return largest
 
     smooth = replace(scene, boundary=replace(scene.boundary, friction=None))
@@ -115,6 +118,7 @@ def at_start(scene: Scene, state: State, maps: Maps) -> Nodal:
 @jax.jit
 def relaxed(scene: Scene, state: State, damping: float, steps: int) -> Array:
     """Stress (s, N) Pa after so many steps of damped (1/s) elastic motion of the grid."""
+    scene = near_soil(scene, scene.particles.position)
     d, volume = scene.grid.dimension, scene.particles.volume
     dt, maps = scene.numerics.time_step, Maps(scene, scene.particles.position)
     scene = replace(scene, numerics=replace(scene.numerics, damping=jnp.asarray(damping, dt.dtype)))

@@ -27,6 +27,7 @@ from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.soil import elastic_ratio
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, at_once, host, on_host, require_known
+from jaxmpm.transfer import near_soil, of_all, of_stored
 from jaxmpm.types import Scene, State, Status
 
 TOLERANCE = {"float32": 1e-5, "float64": 1e-10}
@@ -67,8 +68,8 @@ def elastic_equilibrium(
         each node over its load (nodes,).
     """
     grid, particles = scene.grid, scene.particles
-    scene = _sticking(scene)
-    d = grid.dimension
+    scene = near_soil(_sticking(scene), particles.position)
+    d, loose = grid.dimension, None if loose is None else of_stored(scene.grid, loose)
     maps = Maps(scene, particles.position)
     mass = maps.to_grid(particles.mass[None], None)
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
@@ -134,7 +135,7 @@ def elastic_equilibrium(
     balanced = stress + stress_of(free(solution))
     unbalanced, weights = load + internal_force(balanced), jnp.linalg.norm(load, axis=1)
     share = jnp.linalg.norm(unbalanced, axis=1) / jnp.where(weights > 0, weights, jnp.inf)
-    return balanced, jnp.linalg.norm(unbalanced) / norm, share
+    return balanced, jnp.linalg.norm(unbalanced) / norm, of_all(scene.grid, share)
 
 
 def _bicgstab(
@@ -214,8 +215,9 @@ def _gapped(scene: Scene) -> bool:
 
 @jax.jit
 def _gaps_at_rest(scene: Scene) -> Array | None:
+    scene = near_soil(_sticking(scene), scene.particles.position)
     mass = Maps(scene, scene.particles.position).to_grid(scene.particles.mass[None], None)
-    return gaps(_sticking(scene), mass[:, 0])
+    return gaps(scene, mass[:, 0])
 
 
 RESIDUAL = 1e-3

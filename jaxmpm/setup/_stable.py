@@ -18,6 +18,7 @@ from jaxmpm.boundary import hold
 from jaxmpm.equations import MASS_FLOOR, Maps, acting_stress
 from jaxmpm.laws import elastic_increment
 from jaxmpm.support import check
+from jaxmpm.transfer import near_soil, of_stored
 from jaxmpm.types import Scene
 
 LIMIT = 2.0
@@ -46,6 +47,7 @@ def highest_frequency(scene: Scene, *, iterations: int = ITERATIONS) -> Array:
     """
     particles, d = scene.particles, scene.grid.dimension
     scene = replace(scene, loads=replace(scene.loads, pore_pressure=None))
+    scene = near_soil(scene, particles.position)
     maps = Maps(scene, particles.position)
     mass = maps.to_grid(particles.mass[None], None)[:, :1]
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
@@ -63,6 +65,7 @@ def highest_frequency(scene: Scene, *, iterations: int = ITERATIONS) -> Array:
         return u / jnp.where(size > 0, size, 1), size
 
     noise = jax.random.normal(jax.random.key(0), (scene.grid.nodes, d), particles.mass.dtype)
+    noise = of_stored(scene.grid, noise)
     start = unit(hold(scene, jnp.where(carries, noise, 0)))[0], jnp.zeros((), particles.mass.dtype)
     _, square = jax.lax.fori_loop(0, iterations, lambda _, state: unit(accelerations(state[0])), start)
     return jnp.sqrt(square)

@@ -3,6 +3,19 @@
 from jaxmpm.transfer._affine import momentum, nodal_momentum, velocity_gradient
 from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for, thickness_on, within_cells
 from jaxmpm.transfer._cells import cell_sums
+from jaxmpm.transfer._near import (
+    SPARE,
+    along,
+    at_rows,
+    beside,
+    can_follow,
+    fits,
+    near_soil,
+    of_all,
+    of_stored,
+    on_nodes,
+    with_room,
+)
 from jaxmpm.transfer._primitives import scatter_p
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline, inside, locate
 from jaxmpm.transfer._transfers import g2p, p2g
@@ -15,14 +28,20 @@ from jaxmpm.transfer.native.cuda import library as cuda_library
 
 __all__ = [
     "GIMP",
+    "SPARE",
     "Linear",
     "QuadraticBSpline",
+    "along",
+    "at_rows",
     "band_thickness",
+    "beside",
+    "can_follow",
     "cell_sums",
     "cuda_available",
     "cuda_fault",
     "cuda_library",
     "filtered",
+    "fits",
     "g2p",
     "inside",
     "length_of_band",
@@ -31,11 +50,16 @@ __all__ = [
     "native_available",
     "native_instructions",
     "native_library",
+    "near_soil",
     "nodal_momentum",
+    "of_all",
+    "of_stored",
+    "on_nodes",
     "p2g",
     "passes_for",
     "scatter_p",
     "thickness_on",
     "velocity_gradient",
+    "with_room",
     "within_cells",
 ]

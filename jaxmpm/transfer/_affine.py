@@ -16,6 +16,7 @@ from jax import Array
 from jax.typing import DTypeLike
 
 from jaxmpm.grid import Grid
+from jaxmpm.transfer._near import along
 from jaxmpm.types import Scene, State
 
 
@@ -78,4 +79,6 @@ def velocity_gradient(
 
 def _nodes(grid: Grid, dtype: DTypeLike) -> Array:
     """Positions of the nodes from the first one (nodes, d), m."""
+    if grid.near is not None:
+        return jnp.stack([along(grid, axis) for axis in range(grid.dimension)], axis=1).astype(dtype) * grid.cell
     return jnp.asarray(np.stack(np.unravel_index(np.arange(grid.nodes), grid.shape), axis=1) * grid.cell, dtype)

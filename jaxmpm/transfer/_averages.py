@@ -33,10 +33,12 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
     Returns:
         (nodes, c).
     """
+    if not passes:
+        return nodal
     field = nodal.reshape(*grid.shape, -1)
     # One filter reaches the padding of the grid alone.
     margin = 0 if passes < 2 else math.ceil(REACH * math.sqrt(passes / 2))
-    for axis in range(grid.dimension if passes else 0):
+    for axis in range(grid.dimension):
 
         def smoothed(_: int, field: Array, axis: int = axis) -> Array:
             return 0.5 * field + 0.25 * (jnp.roll(field, 1, axis) + jnp.roll(field, -1, axis))
@@ -75,12 +77,16 @@ def within_cells(
     cells = jnp.floor(locate(grid, position)).astype(jnp.int32)
     cell = jnp.zeros(position.shape[-1:], jnp.int32)
     for axis, nodes in enumerate(grid.shape):
-        cell = cell * nodes + jnp.clip(cells[axis], 0, nodes - 1)
+        # Where nodes near soil alone are stored, the row of the cell's lowest node, which its particles reach.
+        last = axis == grid.dimension - 1
+        start = grid.near.first[0, cell] if grid.near is not None and last else cell * nodes
+        cell = start + jnp.clip(cells[axis], 0, nodes - 1)
+    cell = cell if grid.near is None else jnp.clip(cell, 0, grid.rows - 1)
     groups = 1 if apart is None else 2
-    cell = cell if apart is None else cell + grid.nodes * apart
+    cell = cell if apart is None else cell + grid.rows * apart
 
     both = jnp.stack([weights * values, weights])
-    total, weight = cell_sums(cell, both, cells=groups * grid.nodes, engine=engine)
+    total, weight = cell_sums(cell, both, cells=groups * grid.rows, engine=engine)
     return total / weight
 
 

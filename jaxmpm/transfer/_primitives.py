@@ -33,7 +33,8 @@ from jaxmpm.transfer import native
 from jaxmpm.transfer._stencil import Term
 from jaxmpm.transfer.native import cuda
 
-# The primitives. Arrays may have any number of leading batch axes, of length 1 where lanes share the array.
+# The primitives. Arrays may have any number of leading batch axes, of length 1 where lanes share the array. Where a
+# grid stores nodes near soil alone, the array `first` of its `NearNodes` follows the position.
 scatter_p = Primitive("jaxmpm_scatter")  # position (d, N), blocks of rows (r, N) -> (nodes, channels)
 gather_p = Primitive("jaxmpm_gather")  # position (d, N), nodal (nodes, channels) -> (rows, N)
 contract_p = Primitive("jaxmpm_contract")  # position, nodal, blocks -> (d, N), and what gather gives if rows > 0
@@ -58,7 +59,7 @@ def batch_shape(*arrays: Array | ShapedArray) -> tuple[int, ...]:
 
 
 def _nodal_shape(position: ShapedArray, *others: ShapedArray, grid: Grid, channels: int, **_: object) -> ShapedArray:
-    return ShapedArray((*batch_shape(position, *others), grid.nodes, channels), position.dtype)
+    return ShapedArray((*batch_shape(position, *others), stencil.rows_of_grid(grid), channels), position.dtype)
 
 
 def _rows_shape(position: ShapedArray, *others: ShapedArray, rows: int, **_: object) -> ShapedArray:
@@ -75,6 +76,17 @@ def rows_of(blocks: Sequence[Array]) -> list[Array]:
     return [row for block in blocks for row in block]
 
 
+def placed(arrays: Sequence[Any], grid: Grid) -> tuple[Sequence[Any], Sequence[Any]]:
+    """Arrays of a transfer in two: the position, with what tells the rows of the nodes, and the others."""
+    count = 1 if grid.stored is None else 2
+    return arrays[:count], arrays[count:]
+
+
+def _rows_by(where: Sequence[Array]) -> dict[str, Array]:
+    """The argument `first` of an engine, where there is one."""
+    return dict(zip(("first",), where[1:], strict=False))
+
+
 def over_lanes(function: Callable[..., Array], *arrays: Array) -> Array:
     """Map over the leading batch axes of arrays that share lanes by axes of length 1."""
     if arrays[0].ndim == 2:
@@ -87,20 +99,26 @@ def over_lanes(function: Callable[..., Array], *arrays: Array) -> Array:
 
 
 def _scatter_xla(
-    position: Array, *blocks: Array, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], channels: int
+    *arrays: Array, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], channels: int
 ) -> Array:
-    def one_lane(position: Array, *blocks: Array) -> Array:
-        return stencil.scatter(grid, kernel, position, rows_of(blocks), terms=terms, channels=channels)
+    def one_lane(*arrays: Array) -> Array:
+        where, blocks = placed(arrays, grid)
+        rows = rows_of(blocks)
+        return stencil.scatter(grid, kernel, where[0], rows, terms=terms, channels=channels, **_rows_by(where))
 
     _refuse(native_only)
-    return over_lanes(one_lane, position, *blocks)
+    return over_lanes(one_lane, *arrays)
 
 
 def _gather_xla(
-    position: Array, nodal: Array, *, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], rows: int
+    *arrays: Array, native_only: bool, grid: Grid, kernel: Kernel, terms: Sequence[Term], rows: int
 ) -> Array:
+    def one_lane(*arrays: Array) -> Array:
+        where, (nodal,) = placed(arrays, grid)
+        return stencil.gather(grid, kernel, where[0], nodal, terms=terms, rows=rows, **_rows_by(where))
+
     _refuse(native_only)
-    return over_lanes(partial(stencil.gather, grid, kernel, terms=terms, rows=rows), position, nodal)
+    return over_lanes(one_lane, *arrays)
 
 
 def _refuse(native_only: bool) -> None:
@@ -110,55 +128,55 @@ def _refuse(native_only: bool) -> None:
         )
 
 
+def _runs(engine: ModuleType, grid: Grid, kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
+    """Whether an engine has a kernel for a transfer; that of GPUs has none for nodes near soil alone."""
+    stores = grid.stored is None or engine is native
+    return stores and engine.available() and native.supports(kernel, position, terms)
+
+
 def _scatter_native(
     engine: ModuleType,
-    position: Array,
-    *blocks: Array,
+    *arrays: Array,
     native_only: bool,
     grid: Grid,
     kernel: Kernel,
     terms: Sequence[Term],
     channels: int,
 ) -> Array:
-    if engine.available() and native.supports(kernel, position, terms):
-        return engine.scatter(grid, kernel, position, blocks, terms=terms, channels=channels)
-    return _scatter_xla(
-        position, *blocks, native_only=native_only, grid=grid, kernel=kernel, terms=terms, channels=channels
-    )
+    where, blocks = placed(arrays, grid)
+    if _runs(engine, grid, kernel, where[0], terms):
+        return engine.scatter(grid, kernel, where[0], blocks, terms=terms, channels=channels, **_rows_by(where))
+    return _scatter_xla(*arrays, native_only=native_only, grid=grid, kernel=kernel, terms=terms, channels=channels)
 
 
 def _gather_native(
     engine: ModuleType,
-    position: Array,
-    nodal: Array,
-    *,
+    *arrays: Array,
     native_only: bool,
     grid: Grid,
     kernel: Kernel,
     terms: Sequence[Term],
     rows: int,
 ) -> Array:
-    if engine.available() and native.supports(kernel, position, terms):
-        return engine.gather(grid, kernel, position, nodal, terms=terms, rows=rows)
-    return _gather_xla(position, nodal, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
+    where, (nodal,) = placed(arrays, grid)
+    if _runs(engine, grid, kernel, where[0], terms):
+        return engine.gather(grid, kernel, where[0], nodal, terms=terms, rows=rows, **_rows_by(where))
+    return _gather_xla(*arrays, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
 
 
 def _contract_native(
     engine: ModuleType,
-    position: Array,
-    nodal: Array,
-    *blocks: Array,
+    *arrays: Array,
     native_only: bool,
     grid: Grid,
     kernel: Kernel,
     terms: Sequence[Term],
     rows: int,
 ) -> Sequence[Array]:
-    if engine.available() and native.supports(kernel, position, _raised(terms, position.shape[-2])):
-        return engine.contract(grid, kernel, position, nodal, blocks, terms=terms, rows=rows)
-    return _contract_expanded(
-        position, nodal, *blocks, rows=rows, native_only=native_only, grid=grid, kernel=kernel, terms=terms
-    )
+    where, (nodal, *blocks) = placed(arrays, grid)
+    if _runs(engine, grid, kernel, where[0], _raised(terms, grid.dimension)):
+        return engine.contract(grid, kernel, where[0], nodal, blocks, terms=terms, rows=rows, **_rows_by(where))
+    return _contract_expanded(*arrays, rows=rows, native_only=native_only, grid=grid, kernel=kernel, terms=terms)
 
 
 def _raised(terms: Sequence[Term], dimension: int) -> tuple[Term, ...]:
@@ -168,68 +186,76 @@ def _raised(terms: Sequence[Term], dimension: int) -> tuple[Term, ...]:
     )
 
 
-def _slopes(position: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: object) -> Array:
+def _slopes(where: Sequence[Array], nodal: Array, *, terms: Sequence[Term], rows: int, **statics: object) -> Array:
     """Derivative along the position of the result of `gather`: (.., rows, d, N)."""
-    d = position.shape[-2]
-    derived = gather_p.bind(position, nodal, terms=_raised(terms, d), rows=rows * d, **statics)
+    d = where[0].shape[-2]
+    derived = gather_p.bind(*where, nodal, terms=_raised(terms, d), rows=rows * d, **statics)
     return derived.reshape(*derived.shape[:-2], rows, d, derived.shape[-1])
 
 
-def _scatter_tangent_expanded(
-    position: Array, shift: Array, *both: Array, terms: tuple[Term, ...], **statics: object
-) -> Array:
+def _scatter_tangent_expanded(*arrays: Array, terms: tuple[Term, ...], grid: Grid, **statics: object) -> Array:
+    where, (shift, *both) = placed(arrays, grid)
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
     count = sum(block.shape[-2] for block in blocks)
     products = [block[..., :, None, :] * shift[..., None, :, :] for block in blocks]
     products = [p.reshape(*p.shape[:-3], -1, p.shape[-1]) for p in products]
     raised = tuple(t._replace(row=count + t.row) for t in _raised(terms, shift.shape[-2]))
-    return scatter_p.bind(position, *changed, *products, terms=terms + raised, **statics)
+    return scatter_p.bind(*where, *changed, *products, terms=terms + raised, grid=grid, **statics)
 
 
-def _gather_tangent_expanded(
-    position: Array, shift: Array, nodal: Array, *, terms: Sequence[Term], rows: int, **statics: object
-) -> Array:
-    return (_slopes(position, nodal, terms=terms, rows=rows, **statics) * shift[..., None, :, :]).sum(-2)
+def _gather_tangent_expanded(*arrays: Array, terms: Sequence[Term], rows: int, grid: Grid, **statics: object) -> Array:
+    where, (shift, nodal) = placed(arrays, grid)
+    return (_slopes(where, nodal, terms=terms, rows=rows, grid=grid, **statics) * shift[..., None, :, :]).sum(-2)
 
 
-def _contract_expanded(
-    position: Array, nodal: Array, *blocks: Array, terms: Sequence[Term], rows: int, **statics: object
-) -> list[Array]:
+def _contract_expanded(*arrays: Array, terms: Sequence[Term], rows: int, grid: Grid, **statics: object) -> list[Array]:
+    where, (nodal, *blocks) = placed(arrays, grid)
     stacked = jnp.concatenate([jnp.broadcast_to(b, (*batch_shape(*blocks), *b.shape[-2:])) for b in blocks], axis=-2)
-    slope = (_slopes(position, nodal, terms=terms, rows=stacked.shape[-2], **statics) * stacked[..., :, None, :]).sum(
-        -3
-    )
+    slopes = _slopes(where, nodal, terms=terms, rows=stacked.shape[-2], grid=grid, **statics)
+    slope = (slopes * stacked[..., :, None, :]).sum(-3)
     if rows:
-        return [slope, gather_p.bind(position, nodal, terms=terms, rows=rows, **statics)]
+        return [slope, gather_p.bind(*where, nodal, terms=terms, rows=rows, grid=grid, **statics)]
     return [slope, jnp.zeros((*slope.shape[:-2], 0, slope.shape[-1]), slope.dtype)]
 
 
-def _scatter_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object) -> tuple[Array, Array]:
-    position, *blocks = primals
-    shift, *changed = tangents
+def _scatter_jvp(
+    primals: Sequence[Array], tangents: Sequence[Tangent], *, grid: Grid, **statics: object
+) -> tuple[Array, Array]:
+    (where, blocks), (shifts, changed) = placed(primals, grid), placed(tangents, grid)
     changed = [ad.instantiate_zeros(tangent) for tangent in changed]
-    if isinstance(shift, ad.Zero):
-        tangent = scatter_p.bind(position, *changed, **statics)
+    if isinstance(shifts[0], ad.Zero):
+        tangent = scatter_p.bind(*where, *changed, grid=grid, **statics)
     else:
-        tangent = scatter_tangent_p.bind(position, shift, *changed, *blocks, **statics)
-    return scatter_p.bind(*primals, **statics), tangent
+        tangent = scatter_tangent_p.bind(*where, shifts[0], *changed, *blocks, grid=grid, **statics)
+    return scatter_p.bind(*primals, grid=grid, **statics), tangent
 
 
-def _gather_jvp(primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object) -> tuple[Array, Array]:
-    position, nodal = primals
-    shift, changed = tangents
+def _gather_jvp(
+    primals: Sequence[Array], tangents: Sequence[Tangent], *, grid: Grid, **statics: object
+) -> tuple[Array, Array]:
+    (where, (nodal,)), (shifts, (changed,)) = placed(primals, grid), placed(tangents, grid)
     parts = []
     if not isinstance(changed, ad.Zero):
-        parts.append(gather_p.bind(position, changed, **statics))
-    if not isinstance(shift, ad.Zero):
-        parts.append(gather_tangent_p.bind(position, shift, nodal, **statics))
-    return gather_p.bind(position, nodal, **statics), sum(parts[1:], parts[0])
+        parts.append(gather_p.bind(*where, changed, grid=grid, **statics))
+    if not isinstance(shifts[0], ad.Zero):
+        parts.append(gather_tangent_p.bind(*where, shifts[0], nodal, grid=grid, **statics))
+    return gather_p.bind(*where, nodal, grid=grid, **statics), sum(parts[1:], parts[0])
 
 
 def _expanded_jvp(
-    expanded: Callable[..., object], primals: Sequence[Array], tangents: Sequence[Tangent], **statics: object
+    expanded: Callable[..., object],
+    primals: Sequence[Array],
+    tangents: Sequence[Tangent],
+    *,
+    grid: Grid,
+    **statics: object,
 ) -> tuple[object, object]:
-    return jax.jvp(partial(expanded, **statics), primals, tuple(map(ad.instantiate_zeros, tangents)))
+    (where, others), (shifts, changed) = placed(primals, grid), placed(tangents, grid)
+
+    def moved(position: Array, *others: Array) -> object:
+        return expanded(position, *where[1:], *others, grid=grid, **statics)
+
+    return jax.jvp(moved, (where[0], *others), tuple(map(ad.instantiate_zeros, (shifts[0], *changed))))
 
 
 def summed(cotangent: Array, shape: tuple[int, ...]) -> Array:
@@ -257,47 +283,56 @@ def _zeros(*arrays: Tangent) -> tuple[Tangent, ...]:
 
 
 def _scatter_transpose(
-    cotangent: Tangent, position: Array, *blocks: Tangent, channels: int, **statics: object
+    cotangent: Tangent, *arrays: Tangent, channels: int, grid: Grid, **statics: object
 ) -> tuple[Tangent, ...]:
+    where, blocks = placed(arrays, grid)
+    none = [None] * len(where)
     if isinstance(cotangent, ad.Zero):
-        return (None, *_zeros(*blocks))
-    return (None, *_split(gather_p.bind(position, cotangent, rows=_count(blocks), **statics), blocks))
+        return (*none, *_zeros(*blocks))
+    gathered = gather_p.bind(*where, cotangent, rows=_count(blocks), grid=grid, **statics)
+    return (*none, *_split(gathered, blocks))
 
 
 def _scatter_tangent_transpose(
-    cotangent: Tangent, position: Array, shift: Tangent, *both: Tangent, channels: int, **statics: object
+    cotangent: Tangent, *arrays: Tangent, channels: int, grid: Grid, **statics: object
 ) -> tuple[Tangent, ...]:
+    where, (shift, *both) = placed(arrays, grid)
     changed, blocks = both[: len(both) // 2], both[len(both) // 2 :]
-    none = [None] * len(blocks)
+    before, after = [None] * len(where), [None] * len(blocks)
     if isinstance(cotangent, ad.Zero):
-        return (None, *_zeros(shift, *changed), *none)
+        return (*before, *_zeros(shift, *changed), *after)
     rows = _count(blocks) if any(map(ad.is_undefined_primal, changed)) else 0
-    slope, gathered = contract_p.bind(position, cotangent, *blocks, rows=rows, **statics)
+    slope, gathered = contract_p.bind(*where, cotangent, *blocks, rows=rows, grid=grid, **statics)
     along = summed(slope, shift.aval.shape) if ad.is_undefined_primal(shift) else None
-    return (None, along, *(_split(gathered, changed) if rows else none), *none)
+    return (*before, along, *(_split(gathered, changed) if rows else after), *after)
 
 
 def _gather_transpose(
-    cotangent: Tangent, position: Array, nodal: Tangent, *, rows: int, **statics: object
+    cotangent: Tangent, *arrays: Tangent, rows: int, grid: Grid, **statics: object
 ) -> tuple[Tangent, ...]:
+    where, (nodal,) = placed(arrays, grid)
+    none = [None] * len(where)
     if isinstance(cotangent, ad.Zero):
-        return None, ad.Zero(nodal.aval)
-    spread = scatter_p.bind(position, cotangent, channels=nodal.aval.shape[-1], **statics)
-    return None, summed(spread, nodal.aval.shape)
+        return (*none, ad.Zero(nodal.aval))
+    spread = scatter_p.bind(*where, cotangent, channels=nodal.aval.shape[-1], grid=grid, **statics)
+    return (*none, summed(spread, nodal.aval.shape))
 
 
 def _gather_tangent_transpose(
-    cotangent: Tangent, position: Array, shift: Tangent, nodal: Array, *, rows: int, **statics: object
+    cotangent: Tangent, *arrays: Tangent, rows: int, grid: Grid, **statics: object
 ) -> tuple[Tangent, ...]:
+    where, (shift, nodal) = placed(arrays, grid)
+    none = [None] * len(where)
     if isinstance(cotangent, ad.Zero):
-        return None, ad.Zero(shift.aval), None
-    slope, _ = contract_p.bind(position, nodal, cotangent, rows=0, **statics)
-    return None, summed(slope, shift.aval.shape), None
+        return (*none, ad.Zero(shift.aval), None)
+    slope, _ = contract_p.bind(*where, nodal, cotangent, rows=0, grid=grid, **statics)
+    return (*none, summed(slope, shift.aval.shape), None)
 
 
-def _batched(
+def batched(
     primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics: object
 ) -> tuple[object, object]:
+    """Rule of `vmap`: a leading axis of each array, of length 1 where lanes share it."""
     lanes = [a[None] if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
     out = primitive.bind(*lanes, **statics)
     return (out, [0] * len(out)) if primitive.multiple_results else (out, 0)
@@ -329,7 +364,7 @@ def register(
     ad.primitive_jvps[primitive] = jvp
     if transpose is not None:
         ad.primitive_transposes[primitive] = transpose
-    batching.primitive_batchers[primitive] = partial(_batched, primitive)
+    batching.primitive_batchers[primitive] = partial(batched, primitive)
     lowered = partial(mlir.lower_fun, multiple_results=primitive.multiple_results)
     mlir.register_lowering(primitive, lowered(elsewhere))
     if compiled is not None:

@@ -36,7 +36,14 @@ class Term(NamedTuple):
 
 
 def scatter(
-    grid: Grid, kernel: Kernel, position: Array, rows: Sequence[Array], *, terms: Sequence[Term], channels: int
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    rows: Sequence[Array],
+    *,
+    terms: Sequence[Term],
+    channels: int,
+    first: Array | None = None,
 ) -> Array:
     """Map particles to nodes.
 
@@ -47,20 +54,30 @@ def scatter(
         rows: arrays (N,).
         terms: of the transfer.
         channels: number of channels.
+        first: (1, columns) as of `NearNodes`; None for a grid that stores all nodes.
 
     Returns:
         (nodes, channels).
     """
     # A GPU adds four channels of a node at once where their number is a multiple of four: twice as fast as seven.
     width = channels if channels <= 2 else -(-channels // 4) * 4
-    nodal = jnp.zeros((grid.nodes, width), position.dtype)
-    for node, weight in _layers(grid, kernel, position, terms):
+    nodal = jnp.zeros((rows_of_grid(grid), width), position.dtype)
+    for node, weight in _layers(grid, kernel, position, terms, first):
         contribution = _sums([(t.channel, t.factor * rows[t.row] * weight[t.axes]) for t in terms], width, node)
         nodal = nodal.at[node].add(jnp.stack(contribution, axis=-1))
     return nodal[:, :channels]
 
 
-def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
+def gather(
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    nodal: Array,
+    *,
+    terms: Sequence[Term],
+    rows: int,
+    first: Array | None = None,
+) -> Array:
     """Map nodes to particles.
 
     Args:
@@ -70,12 +87,13 @@ def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: 
         nodal: (nodes, channels).
         terms: of the transfer.
         rows: number of rows.
+        first: as of `scatter`.
 
     Returns:
         (rows, N).
     """
     products = []
-    for node, weight in _layers(grid, kernel, position, terms):
+    for node, weight in _layers(grid, kernel, position, terms, first):
         values = nodal[node]
         products += [(t.row, (t.factor * values[..., t.channel] * weight[t.axes]).sum(0)) for t in terms]
     return jnp.stack(_sums(products, rows, position[0]))
@@ -92,7 +110,7 @@ def _sums(products: Sequence[tuple[int, Array]], count: int, like: Array) -> lis
 
 
 def _layers(
-    grid: Grid, kernel: Kernel, position: Array, terms: Sequence[Term]
+    grid: Grid, kernel: Kernel, position: Array, terms: Sequence[Term], first: Array | None
 ) -> Iterator[tuple[Array, dict[tuple[int, ...], Array]]]:
     """The stencil in three layers across the first axis, each as (nodes (m, N), {axes: weight derived so (m, N)}).
 
@@ -111,9 +129,17 @@ def _layers(
         node = nodes[0, k : k + 1]
         weights = {axes: factors[0][axes.count(0)][k : k + 1] for axes in sets}
         for a in range(1, grid.dimension):
-            node = _outer(jnp.add, node * grid.shape[a], nodes[a])
+            # Nodes of a column follow each other.
+            last = a == grid.dimension - 1
+            start = first[0, node] if first is not None and last else node * grid.shape[a]
+            node = _outer(jnp.add, start, nodes[a])
             weights = {axes: _outer(jnp.multiply, w, factors[a][axes.count(a)]) for axes, w in weights.items()}
-        yield node, weights
+        yield node if first is None else jnp.clip(node, 0, rows_of_grid(grid) - 1), weights
+
+
+def rows_of_grid(grid: Grid) -> int:
+    """Length of an array of nodal values in a transfer."""
+    return grid.nodes if grid.stored is None else grid.stored
 
 
 def _outer(operation: Callable[[Array, Array], Array], a: Array, b: Array) -> Array:

@@ -9,6 +9,7 @@ CUDA GPUs, and to `jaxmpm.transfer._stencil` elsewhere, as do its derivatives.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from jax import Array
@@ -71,11 +72,13 @@ def p2g(
         terms += [Term(before + c, channels + c, (d - 1,), -1) for c in range(len(upright))]
         channels += len(upright)
     _check(grid, position, *blocks)
+    known, first = _storage(grid)
     if engine is Engine.XLA:
-        return stencil.scatter(grid, kernel, position, rows_of(blocks), terms=terms, channels=channels)
+        rows = rows_of(blocks)
+        return stencil.scatter(known, kernel, position, rows, terms=terms, channels=channels, first=first)
     native_only = _native_only(engine)
-    statics = {"grid": grid, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
-    return scatter_p.bind(position, *blocks, channels=channels, **statics)
+    statics = {"grid": known, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
+    return scatter_p.bind(position, *([] if first is None else [first]), *blocks, channels=channels, **statics)
 
 
 def g2p(
@@ -110,14 +113,22 @@ def g2p(
     terms = [Term(c, c) for c in range(values)]
     terms += [Term(values + c * d + j, c, (j,)) for c in range(gradients) for j in range(d)]
     count = values + gradients * d
+    known, first = _storage(grid)
     if engine is Engine.XLA:
-        rows = stencil.gather(grid, kernel, position, nodal, terms=terms, rows=count)
+        rows = stencil.gather(known, kernel, position, nodal, terms=terms, rows=count, first=first)
     else:
         native_only = _native_only(engine)
-        statics = {"grid": grid, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
-        rows = gather_p.bind(position, nodal, rows=count, **statics)
+        statics = {"grid": known, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
+        rows = gather_p.bind(position, *([] if first is None else [first]), nodal, rows=count, **statics)
     gradient = rows[values:].reshape(gradients, d, position.shape[-1])
     return rows[:values] if values else None, gradient if gradients else None
+
+
+def _storage(grid: Grid) -> tuple[Grid, Array | None]:
+    """The grid as what shapes a program, and `first` of the nodes that it stores; None for all."""
+    if grid.near is None:
+        return replace(grid, stored=None), None
+    return replace(grid, stored=grid.rows, near=None), grid.near.first
 
 
 def _acting(i: int, j: int, dimension: int) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import itertools
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,11 +23,11 @@ from jax import Array
 from jaxmpm.grid import Grid
 from jaxmpm.protocols import Kernel
 from jaxmpm.transfer._shape import GIMP, Linear, QuadraticBSpline
-from jaxmpm.transfer._stencil import Term
+from jaxmpm.transfer._stencil import Term, rows_of_grid
 
 LIBRARY = "libjaxmpm_transfer.so"
 FUNCTIONS = {Linear: 0, GIMP: 1, QuadraticBSpline: 2}
-TARGETS = ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract", "jaxmpm_cell_sums")
+TARGETS = ("jaxmpm_scatter", "jaxmpm_gather", "jaxmpm_contract", "jaxmpm_near", "jaxmpm_cell_sums")
 MAX_CHANNELS = 8
 MAX_ORDER = 2
 T = TypeVar("T")
@@ -108,7 +109,14 @@ def supports(kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
 
 
 def scatter(
-    grid: Grid, kernel: Kernel, position: Array, blocks: Sequence[Array], *, terms: Sequence[Term], channels: int
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    blocks: Sequence[Array],
+    *,
+    terms: Sequence[Term],
+    channels: int,
+    first: Array | None = None,
 ) -> Array:
     """As `jaxmpm.transfer._stencil.scatter`, for blocks of rows and lanes.
 
@@ -119,22 +127,32 @@ def scatter(
         blocks: arrays (..., r, N), likewise.
         terms: of the transfer.
         channels: number of channels.
+        first: (..., 1, columns) as of `NearNodes`, likewise; None for a grid that stores all nodes.
 
     Returns:
         (..., nodes, channels).
     """
-    arrays = (position, *blocks)
+    arrays = (position, *_given(first), *blocks)
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
     parts = []
-    for first in range(0, channels, MAX_CHANNELS):
-        count = min(channels - first, MAX_CHANNELS)
-        result = jax.ShapeDtypeStruct((*batch, grid.nodes, width(count)), position.dtype)
+    for channel in range(0, channels, MAX_CHANNELS):
+        count = min(channels - channel, MAX_CHANNELS)
+        result = jax.ShapeDtypeStruct((*batch, rows_of_grid(grid), width(count)), position.dtype)
         call = jax.ffi.ffi_call("jaxmpm_scatter", result)
-        parts.append(call(*arrays, **attributes(grid, kernel, _shifted(terms, first, count)))[..., :count])
+        parts.append(call(*arrays, **_attributes(grid, kernel, _shifted(terms, channel, count)))[..., :count])
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 
 
-def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
+def gather(
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    nodal: Array,
+    *,
+    terms: Sequence[Term],
+    rows: int,
+    first: Array | None = None,
+) -> Array:
     """As `jaxmpm.transfer._stencil.gather`, for lanes.
 
     Args:
@@ -144,14 +162,15 @@ def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: 
         nodal: (..., nodes, channels), likewise.
         terms: of the transfer.
         rows: number of rows.
+        first: as of `scatter`.
 
     Returns:
         (..., rows, N).
     """
-    batch = np.broadcast_shapes(position.shape[:-2], nodal.shape[:-2])
+    batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *_given(first))))
     result = jax.ShapeDtypeStruct((*batch, rows, position.shape[-1]), position.dtype)
     call = jax.ffi.ffi_call("jaxmpm_gather", result)
-    return _by_channels(call, grid, kernel, (position, nodal), terms)
+    return _by_channels(call, grid, kernel, (position, nodal, *_given(first)), terms)
 
 
 def contract(
@@ -163,6 +182,7 @@ def contract(
     *,
     terms: Sequence[Term],
     rows: int,
+    first: Array | None = None,
 ) -> Sequence[Array]:
     """Derivative along the position of the sum of given rows times the result of `gather` for them.
 
@@ -174,16 +194,34 @@ def contract(
         blocks: arrays (..., r, N) of rows, likewise.
         terms: of the transfer.
         rows: number of rows of `gather` to return, or 0.
+        first: as of `scatter`.
 
     Returns:
         Derivative (..., d, N), and the result of `gather` (..., rows, N).
     """
-    batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *blocks)))
+    arrays = (position, nodal, *_given(first), *blocks)
+    batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
     results = [
         jax.ShapeDtypeStruct((*batch, count, position.shape[-1]), position.dtype) for count in (grid.dimension, rows)
     ]
     call = jax.ffi.ffi_call("jaxmpm_contract", results)
-    return _by_channels(call, grid, kernel, (position, nodal, *blocks), terms)
+    return _by_channels(call, grid, kernel, arrays, terms)
+
+
+def near_nodes(grid: Grid, position: Array) -> Sequence[Array]:
+    """As `jaxmpm.transfer._near.near_nodes`, for lanes.
+
+    Args:
+        grid: with a number of stored nodes.
+        position: (..., d, N) m.
+
+    Returns:
+        `first` (..., 1, columns), `node` (..., 1, rows) and `needed` (..., 1, 1) of `NearNodes`.
+    """
+    columns, batch = math.prod(grid.shape[:-1]), position.shape[:-2]
+    results = [jax.ShapeDtypeStruct((*batch, 1, n), jnp.int32) for n in (columns, rows_of_grid(grid), 1)]
+    found: Sequence[Array] = jax.ffi.ffi_call("jaxmpm_near", results)(position, **attributes_of(grid))
+    return found
 
 
 def cell_sums(cell: Array, values: Array, *, cells: int) -> Array:
@@ -206,7 +244,7 @@ def _by_channels(
     call: Callable[..., T], grid: Grid, kernel: Kernel, arrays: Sequence[Array], terms: Sequence[Term]
 ) -> T:
     """Sum of a kernel's results over groups of channels of the nodes, its second array, as large as it takes."""
-    position, nodal, *blocks = arrays
+    position, nodal, *others = arrays
     parts = []
     for first in range(0, nodal.shape[-1], MAX_CHANNELS):
         count = min(nodal.shape[-1] - first, MAX_CHANNELS)
@@ -214,8 +252,13 @@ def _by_channels(
         # A kernel takes nodes of no more channels than its width.
         count = count if width(met) == width(count) else met
         part = nodal if count == nodal.shape[-1] else nodal[..., first : first + count]
-        parts.append(call(position, part, *blocks, **attributes(grid, kernel, _shifted(terms, first, count))))
+        parts.append(call(position, part, *others, **_attributes(grid, kernel, _shifted(terms, first, count))))
     return functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
+
+
+def _given(first: Array | None) -> tuple[Array, ...]:
+    """The array, where a transfer has it."""
+    return () if first is None else (first,)
 
 
 def width(channels: int) -> int:
@@ -235,6 +278,11 @@ def attributes_of(grid: Grid) -> dict[str, np.ndarray | np.generic]:
         "origin": np.array(grid.origin, np.float64),
         "cell": np.float64(grid.cell),
     }
+
+
+def _attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, np.ndarray | np.generic]:
+    """What a kernel of this engine is told besides: how many nodes the grid stores near soil alone, 0 for all."""
+    return attributes(grid, kernel, terms) | {"stored": np.int64(grid.stored or 0)}
 
 
 def attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, np.ndarray | np.generic]:

@@ -25,6 +25,7 @@ struct Attributes {
   int64_t function;
   Reals half;
   Integers terms;
+  int64_t stored = 0;  // nodes, near soil alone; 0 for all
 };
 
 // The plan behind a handler's arrays and attributes, made piece by piece. Each piece checks what it takes, and returns
@@ -48,6 +49,10 @@ struct Checked {
       plan.origin[axis] = given.origin[axis];
       plan.half[axis] = given.half[axis];
       if (nodes() > INT32_MAX) return "the grid has more than 2^31 nodes";
+    }
+    plan.nodes = given.stored ? given.stored : nodes();
+    if (given.stored && (plan.dimension < 2 || plan.nodes < kStencil || plan.nodes > INT32_MAX)) {
+      return "nodes near soil are fewer than 3, more than 2^31, or of one dimension";
     }
     plan.cell = given.cell;
     return plan.cell > 0 ? "" : "the cell is not above 0";
@@ -74,7 +79,7 @@ struct Checked {
     scalar = type == ffi::F32 ? Scalar::kFloat : Scalar::kDouble;
     if (at[rank - 2] != plan.dimension) return "position and grid differ in dimension";
     if (at[rank - 1] > INT32_MAX) return "there are more than 2^31 particles";
-    if (node[rank - 2] != nodes()) return "the nodal array has not as many nodes as the grid";
+    if (node[rank - 2] != plan.nodes) return "the nodal array has not as many nodes as the grid";
     plan.particles = at[rank - 1];
     plan.stride = static_cast<int32_t>(node[rank - 1]);
     return "";
@@ -133,6 +138,15 @@ std::string check(Checked& c, const Attributes& given, ffi::AnyBuffer position, 
   if (wrong.empty()) wrong = c.take_rows(blocks, position);
   if (wrong.empty()) wrong = c.take_terms(given.terms);
   return wrong;
+}
+
+// What is wrong with the rows of columns, an array with the leading axes of a position.
+std::string check_first(const Plan& plan, ffi::AnyBuffer first, ffi::AnyBuffer position) {
+  const auto of = first.dimensions(), at = position.dimensions();
+  int64_t columns = 1;
+  for (int axis = 0; axis + 1 < plan.dimension; ++axis) columns *= plan.shape[axis];
+  const bool fits = first.element_type() == ffi::S32 && of.size() == at.size() && of.size() >= 2;
+  return fits && of[of.size() - 2] == 1 && of[of.size() - 1] == columns ? "" : "there is not one row for each column";
 }
 
 // What is wrong with the leading axes of arrays that a batch of lanes reads: each is the batch's, or 1.

@@ -33,6 +33,13 @@ void* at(void* base, int64_t element, Scalar scalar) {
 
 int64_t chunks(int64_t particles) { return (particles + kChunk - 1) / kChunk; }
 
+// The plan of a lane.
+template <class Lane>
+Plan plan_of(Plan plan, const Lane& lane) {
+  plan.first = lane.first;
+  return plan;
+}
+
 // Calls `f(lane, begin, end)` for every chunk of particles of every lane.
 template <class Lane, class F>
 void over_chunks(const Pool& pool, const Plan& plan, const std::vector<Lane>& lanes, F f) {
@@ -68,8 +75,7 @@ class Scatter {
       plan_.slab = std::max(kThinnest, (plan.shape[0] + kMostSlabs - 1) / kMostSlabs);
     }
     slabs_ = (plan.shape[0] + plan_.slab - 1) / plan_.slab;
-    nodes_ = 1;
-    for (int axis = 0; axis < plan.dimension; ++axis) nodes_ *= plan.shape[axis];
+    plan_ = plan_of(plan_, lane);
     if (slabs_ > 1) {
       if (lists.list.size() < static_cast<std::size_t>(plan.particles)) {
         lists.slab_of.resize(plan.particles);
@@ -99,10 +105,10 @@ class Scatter {
  private:
   using Starts = std::array<int32_t, kMostSlabs>;
 
-  void clear(int64_t slab) {
-    const int64_t plane = nodes_ / plan_.shape[0] * plan_.stride;
-    const int64_t from = slab * plan_.slab, to = std::min<int64_t>(from + plan_.slab, plan_.shape[0]);
-    std::memset(at(lane_.nodal, from * plane, scalar_), 0, (to - from) * plane * size_of(scalar_));
+  // One of as many parts of the nodes as there are slabs.
+  void clear(int64_t part) {
+    const int64_t from = plan_.nodes * part / slabs_, to = plan_.nodes * (part + 1) / slabs_;
+    std::memset(at(lane_.nodal, from * plan_.stride, scalar_), 0, (to - from) * plan_.stride * size_of(scalar_));
   }
 
   void count(int64_t chunk) {
@@ -152,14 +158,70 @@ class Scatter {
   Scalar scalar_;
   Plan plan_;
   const ScatterLane& lane_;
-  int64_t slabs_, nodes_;
+  int64_t slabs_;
   uint8_t* slab_of_ = nullptr;
   int32_t* list_ = nullptr;
   std::vector<Starts> starts_;
   std::array<int32_t, kMostSlabs + 1> first_;
 };
 
+// Columns along the last axis whose nodes lie near soil. Kept for the next call, as `Lists`.
+struct Near {
+  std::vector<int32_t> column, level, low, high, before;
+};
+thread_local Near near_;
+
+// Gives each entry the least of itself and the two `step` before it.
+void reach(std::vector<int32_t>& of, std::vector<int32_t>& before, int64_t outer, int64_t nodes, int64_t step) {
+  before = of;
+  for (int64_t o = 0; o < outer; ++o) {
+    int32_t* const to = of.data() + o * nodes * step;
+    const int32_t* const from = before.data() + o * nodes * step;
+    for (int64_t back = step; back < kStencil * step && back < nodes * step; back += step) {
+      for (int64_t i = back; i < nodes * step; ++i) to[i] = std::min(to[i], from[i - back]);
+    }
+  }
+}
+
+void near_of_lane(const Kernels& kernels, const Plan& plan, const NearLane& lane) {
+  const int32_t levels = plan.shape[plan.dimension - 1];
+  const int64_t across = plan.dimension == 3 ? plan.shape[1] : 1, columns = plan.shape[0] * across;
+  Near& n = near_;
+  n.column.resize(plan.particles);
+  n.level.resize(plan.particles);
+  kernels.lowest(plan, lane.position, n.column.data(), n.level.data());
+  n.low.assign(columns, levels);
+  n.high.assign(columns, levels);  // negative, so that the least of it is the highest
+  for (int64_t p = 0; p < plan.particles; ++p) {
+    const int32_t c = n.column[p], level = n.level[p];
+    n.low[c] = std::min(n.low[c], level);
+    n.high[c] = std::min(n.high[c], -level);
+  }
+  for (std::vector<int32_t>* of : {&n.low, &n.high}) {
+    reach(*of, n.before, 1, plan.shape[0], across);
+    if (plan.dimension == 3) reach(*of, n.before, plan.shape[0], across, 1);
+  }
+  int64_t row = 0;
+  for (int64_t c = 0; c < columns; ++c) {
+    const bool reached = n.low[c] < levels;
+    // One more than particles reach, as far as there is one.
+    const int64_t height = reached ? std::min(kStencil + 1 - n.high[c], levels) - n.low[c] : 0;
+    lane.first[c] = static_cast<int32_t>(row - (reached ? n.low[c] : 0));
+    const int64_t node = c * levels + n.low[c], end = std::min(row + height, plan.nodes);
+    for (int64_t r = row; r < end; ++r) lane.node[r] = static_cast<int32_t>(node + r - row);
+    row += height;
+  }
+  std::fill(lane.node + std::min(row, plan.nodes), lane.node + plan.nodes, -1);
+  *lane.needed = static_cast<int32_t>(row);
+}
+
 }  // namespace
+
+void near_nodes(const InstructionSet& set, const Pool& pool, Scalar scalar, const Plan& plan,
+                const std::vector<NearLane>& lanes) {
+  run_phases(pool, {{static_cast<int64_t>(lanes.size()),
+                     [&](int64_t i) { near_of_lane(kernels_of(set, scalar), plan, lanes[i]); }}});
+}
 
 // The sets that the library was built with, the best one last.
 #define JAXMPM_DECLARE(set) extern const Kernels set##_float, set##_double
@@ -222,7 +284,7 @@ bool gather(const InstructionSet& set, const Pool& pool, Scalar scalar, const Pl
   if (!kernel) return false;
   over_chunks(pool, plan, lanes, [&](const GatherLane& lane, int64_t begin, int64_t end) {
     clear_rows_without_terms(plan, scalar, begin, end, lane.rows);
-    kernel(plan, lane.position, lane.nodal, begin, end, lane.rows);
+    kernel(plan_of(plan, lane), lane.position, lane.nodal, begin, end, lane.rows);
   });
   return true;
 }
@@ -233,7 +295,7 @@ bool contract(const InstructionSet& set, const Pool& pool, Scalar scalar, const 
   if (!kernel) return false;
   over_chunks(pool, plan, lanes, [&](const ContractLane& lane, int64_t begin, int64_t end) {
     if (lane.gathered) clear_rows_without_terms(plan, scalar, begin, end, lane.gathered);
-    kernel(plan, lane.position, lane.nodal, lane.rows.data(), begin, end, lane.slope, lane.gathered);
+    kernel(plan_of(plan, lane), lane.position, lane.nodal, lane.rows.data(), begin, end, lane.slope, lane.gathered);
   });
   return true;
 }

@@ -12,21 +12,32 @@ namespace jaxmpm {
 // The arrays of one lane; lanes may share what they read. `rows` points to each row of the particle array.
 struct ScatterLane {
   const void* position;
+  const int32_t* first;  // as of `Plan`
   std::vector<const void*> rows;
   void* nodal;
 };
 struct GatherLane {
   const void* position;
+  const int32_t* first;
   const void* nodal;
   void* rows;
 };
 
 struct ContractLane {
   const void* position;
+  const int32_t* first;
   const void* nodal;
   std::vector<const void*> rows;
   void* slope;
   void* gathered;  // or null
+};
+
+// `first` and `node` as of jaxmpm/grid.py, `needed` one number.
+struct NearLane {
+  const void* position;
+  int32_t* first;
+  int32_t* node;
+  int32_t* needed;
 };
 
 struct InstructionSet {
@@ -50,5 +61,8 @@ const InstructionSet* best_instructions();
 // Derivative along the position of rows times what they meet at the nodes, and that itself. Every
 // element of `slope` and `gathered` is written.
 [[nodiscard]] bool contract(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<ContractLane>&);
+
+// The nodes near soil, `plan.nodes` of which are stored, in two or three dimensions.
+void near_nodes(const InstructionSet&, const Pool&, Scalar, const Plan&, const std::vector<NearLane>&);
 
 }  // namespace jaxmpm

@@ -51,52 +51,88 @@ void add_rows(const std::vector<ffi::AnyBuffer>& blocks, ffi::AnyBuffer::Dimensi
   }
 }
 
-ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::RemainingArgs rest,
+// What a transfer takes after its positions, and its nodes where it reads them: `first`, if `stored`, and blocks of rows.
+struct Rest {
+  std::vector<ffi::AnyBuffer> first, blocks;
+
+  Rest(const std::vector<ffi::AnyBuffer>& given, int64_t stored) {
+    const std::size_t count = stored && !given.empty() ? 1 : 0;
+    first.assign(given.begin(), given.begin() + count);
+    blocks.assign(given.begin() + count, given.end());
+  }
+
+  std::string check(const Plan& plan, int64_t stored, ffi::AnyBuffer position, ffi::AnyBuffer::Dimensions batch) const {
+    if (stored && first.empty()) return "the rows of columns are missing";
+    std::string wrong = stored ? check_first(plan, first[0], position) : "";
+    if (wrong.empty()) wrong = check_lanes(first, batch);
+    return wrong.empty() ? check_lanes(blocks, batch) : wrong;
+  }
+
+  // Each lane's rows of columns, null where all nodes are stored.
+  std::vector<const int32_t*> firsts(ffi::AnyBuffer::Dimensions batch, std::size_t lanes) const {
+    std::vector<const int32_t*> found(lanes, nullptr);
+    if (first.empty()) return found;
+    const auto starts = lane_starts(first[0], batch);
+    for (std::size_t i = 0; i < lanes; ++i) found[i] = static_cast<const int32_t*>(static_cast<const void*>(starts[i]));
+    return found;
+  }
+};
+
+ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::RemainingArgs others,
                            ffi::Result<ffi::AnyBuffer> nodal, Integers shape, Reals origin, double cell, int64_t function,
-                           Reals half, Integers terms) {
-  const auto blocks = remaining(rest);
-  if (!blocks.has_value()) return blocks.error();
+                           Reals half, Integers terms, int64_t stored) {
+  const auto given = remaining(others);
+  if (!given.has_value()) return given.error();
+  const Rest rest(*given, stored);
   Checked c;
-  std::string wrong = check(c, {shape, origin, cell, function, half, terms}, position, *nodal, *blocks);
+  std::string wrong = check(c, {shape, origin, cell, function, half, terms, stored}, position, *nodal, rest.blocks);
   const auto batch = nodal->dimensions();
   if (wrong.empty()) wrong = check_lanes({position}, batch);
-  if (wrong.empty()) wrong = check_lanes(*blocks, batch);
+  if (wrong.empty()) wrong = rest.check(c.plan, stored, position, batch);
   if (wrong.empty() && c.plan.stride != c.plan.width) wrong = "the nodal array is not padded to the kernels' width";
   if (!wrong.empty()) return invalid(wrong);
   const auto positions = lane_starts(position, batch), nodals = lane_starts(*nodal, batch);
+  const auto firsts = rest.firsts(batch, positions.size());
   std::vector<ScatterLane> lanes(positions.size());
-  for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], {}, nodals[i]};
-  add_rows(*blocks, batch, lanes);
+  for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], firsts[i], {}, nodals[i]};
+  add_rows(rest.blocks, batch, lanes);
   return answer(scatter(*best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 ffi::Error gather_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
-                          ffi::Result<ffi::AnyBuffer> rows, Integers shape, Reals origin, double cell, int64_t function,
-                          Reals half, Integers terms) {
+                          ffi::RemainingArgs others, ffi::Result<ffi::AnyBuffer> rows, Integers shape, Reals origin,
+                          double cell, int64_t function, Reals half, Integers terms, int64_t stored) {
+  const auto given = remaining(others);
+  if (!given.has_value()) return given.error();
+  const Rest rest(*given, stored);
   Checked c;
-  std::string wrong = check(c, {shape, origin, cell, function, half, terms}, position, nodal, {*rows});
+  std::string wrong = check(c, {shape, origin, cell, function, half, terms, stored}, position, nodal, {*rows});
   const auto batch = rows->dimensions();
   if (wrong.empty()) wrong = check_lanes({position, nodal}, batch);
+  if (wrong.empty()) wrong = rest.check(c.plan, stored, position, batch);
+  if (wrong.empty() && !rest.blocks.empty()) wrong = "a gather takes no rows";
   if (!wrong.empty()) return invalid(wrong);
   const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch), out = lane_starts(*rows, batch);
+  const auto firsts = rest.firsts(batch, positions.size());
   std::vector<GatherLane> lanes(positions.size());
-  for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], nodals[i], out[i]};
+  for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], firsts[i], nodals[i], out[i]};
   return answer(gather(*best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
 }
 
 ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::AnyBuffer nodal,
-                            ffi::RemainingArgs rest, ffi::Result<ffi::AnyBuffer> slope,
+                            ffi::RemainingArgs others, ffi::Result<ffi::AnyBuffer> slope,
                             ffi::Result<ffi::AnyBuffer> gathered, Integers shape, Reals origin, double cell,
-                            int64_t function, Reals half, Integers terms) {
-  const auto blocks = remaining(rest);
-  if (!blocks.has_value()) return blocks.error();
+                            int64_t function, Reals half, Integers terms, int64_t stored) {
+  const auto given = remaining(others);
+  if (!given.has_value()) return given.error();
+  const Rest rest(*given, stored);
   Checked c;
-  std::string wrong = check(c, {shape, origin, cell, function, half, terms}, position, nodal, *blocks);
+  std::string wrong = check(c, {shape, origin, cell, function, half, terms, stored}, position, nodal, rest.blocks);
   if (wrong.empty()) wrong = c.check_rows(*slope, position);
   if (wrong.empty()) wrong = c.check_rows(*gathered, position);
   const auto batch = slope->dimensions();
   if (wrong.empty()) wrong = check_lanes({position, nodal, *gathered}, batch);
-  if (wrong.empty()) wrong = check_lanes(*blocks, batch);
+  if (wrong.empty()) wrong = rest.check(c.plan, stored, position, batch);
   if (!wrong.empty()) return invalid(wrong);
   const int64_t asked = gathered->dimensions()[batch.size() - 2];
   if (batch[batch.size() - 2] != c.plan.dimension) return invalid("the slope has not one row for each axis");
@@ -104,12 +140,43 @@ ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ff
   ++c.plan.order;
   const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch);
   const auto slopes = lane_starts(*slope, batch), rows = lane_starts(*gathered, batch);
+  const auto firsts = rest.firsts(batch, positions.size());
   std::vector<ContractLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) {
-    lanes[i] = {positions[i], nodals[i], {}, slopes[i], asked ? rows[i] : nullptr};
+    lanes[i] = {positions[i], firsts[i], nodals[i], {}, slopes[i], asked ? rows[i] : nullptr};
   }
-  add_rows(*blocks, batch, lanes);
+  add_rows(rest.blocks, batch, lanes);
   return answer(contract(*best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
+}
+
+ffi::Error near_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::Result<ffi::AnyBuffer> first,
+                        ffi::Result<ffi::AnyBuffer> node, ffi::Result<ffi::AnyBuffer> needed, Integers shape, Reals origin,
+                        double cell) {
+  const auto at = position.dimensions(), batch = node->dimensions(), one = needed->dimensions();
+  const std::size_t rank = at.size();
+  if (rank < 2 || batch.size() != rank || one.size() != rank || batch[rank - 2] != 1 || one[rank - 1] != 1 || one[rank - 2] != 1) {
+    return invalid("arrays differ in rank, or are not one row");
+  }
+  Checked c;
+  std::string wrong = c.take_grid({shape, origin, cell, kLinear, origin, {}, batch[rank - 1]});
+  if (wrong.empty()) wrong = check_first(c.plan, *first, position);
+  if (wrong.empty()) wrong = check_lanes({position, *first, *needed}, batch);
+  const auto type = position.element_type();
+  if (wrong.empty() && ((type != ffi::F32 && type != ffi::F64) || at[rank - 2] != c.plan.dimension ||
+                        node->element_type() != ffi::S32 || needed->element_type() != ffi::S32)) {
+    wrong = "positions are of another dimension or type, or numbers no int32";
+  }
+  if (wrong.empty() && (c.nodes() > INT32_MAX || at[rank - 1] > INT32_MAX)) wrong = "there are more than 2^31 nodes or particles";
+  if (!wrong.empty()) return invalid(wrong);
+  c.plan.particles = at[rank - 1];
+  const auto positions = lane_starts(position, batch);
+  const auto numbers = [&](ffi::AnyBuffer buffer, std::size_t lane) {
+    return static_cast<int32_t*>(static_cast<void*>(lane_starts(buffer, batch)[lane]));
+  };
+  std::vector<NearLane> lanes(positions.size());
+  for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], numbers(*first, i), numbers(*node, i), numbers(*needed, i)};
+  near_nodes(*best_instructions(), pool_of(threads), type == ffi::F32 ? Scalar::kFloat : Scalar::kDouble, c.plan, lanes);
+  return ffi::Error::Success();
 }
 
 template <class T>
@@ -147,12 +214,18 @@ ffi::Error cell_sums_handler(ffi::ThreadPool threads, ffi::AnyBuffer cell, ffi::
 
 auto scatter_binding() {
   return with_attributes(
-      ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<ffi::AnyBuffer>().RemainingArgs().Ret<ffi::AnyBuffer>());
+             ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<ffi::AnyBuffer>().RemainingArgs().Ret<ffi::AnyBuffer>())
+      .Attr<int64_t>("stored");
 }
 
 auto gather_binding() {
-  return with_attributes(
-      ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<ffi::AnyBuffer>().Arg<ffi::AnyBuffer>().Ret<ffi::AnyBuffer>());
+  return with_attributes(ffi::Ffi::Bind()
+                             .Ctx<ffi::ThreadPool>()
+                             .Arg<ffi::AnyBuffer>()
+                             .Arg<ffi::AnyBuffer>()
+                             .RemainingArgs()
+                             .Ret<ffi::AnyBuffer>())
+      .Attr<int64_t>("stored");
 }
 
 auto contract_binding() {
@@ -162,7 +235,20 @@ auto contract_binding() {
                              .Arg<ffi::AnyBuffer>()
                              .RemainingArgs()
                              .Ret<ffi::AnyBuffer>()
-                             .Ret<ffi::AnyBuffer>());
+                             .Ret<ffi::AnyBuffer>())
+      .Attr<int64_t>("stored");
+}
+
+auto near_binding() {
+  return ffi::Ffi::Bind()
+      .Ctx<ffi::ThreadPool>()
+      .Arg<ffi::AnyBuffer>()
+      .Ret<ffi::AnyBuffer>()
+      .Ret<ffi::AnyBuffer>()
+      .Ret<ffi::AnyBuffer>()
+      .Attr<Integers>("shape")
+      .Attr<Reals>("origin")
+      .Attr<double>("cell");
 }
 
 auto cell_sums_binding() {
@@ -187,5 +273,6 @@ extern "C" const char* jaxmpm_instructions() {
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_scatter, jaxmpm::scatter_handler, jaxmpm::scatter_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_gather, jaxmpm::gather_handler, jaxmpm::gather_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_contract, jaxmpm::contract_handler, jaxmpm::contract_binding());
+XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_near, jaxmpm::near_handler, jaxmpm::near_binding());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_cell_sums, jaxmpm::cell_sums_handler, jaxmpm::cell_sums_binding());
 #pragma GCC visibility pop

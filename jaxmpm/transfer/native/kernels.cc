@@ -167,10 +167,48 @@ JAXMPM_INLINE void raise(const Jet<T, W, jets(D - 1, ORDER)>& a, AxisWeight<T> a
   }
 }
 
-// One particle to its stencil, from axis number D_ALL - D on.
+// Rows of a stencil in D dimensions: three nodes along the last axis, which follow each other.
+constexpr int rows_of(int dimension) { return dimension == 1 ? 1 : dimension == 2 ? 3 : 9; }
+
+// Where the rows of a stencil lie in the nodal array.
+template <int D>
+struct NodeRows {
+  const int32_t* first;
+  int32_t across, levels;
+  int64_t stride, last;     // of nodes; lowest node of the last row that lies in the array
+  int64_t of[rows_of(D)];   // numbers from where the stencil starts to the first node of each row
+  int64_t largest;          // of these
+
+  JAXMPM_APART explicit NodeRows(const Plan& plan)
+      : first(plan.first), across(plan.shape[D > 1 ? D - 2 : 0]), levels(plan.shape[D - 1]), stride(plan.stride),
+        last(plan.nodes - kStencil) {
+    for (int row = 0; row < rows_of(D); ++row) of[row] = row_columns(row) * levels * stride;
+    largest = of[rows_of(D) - 1];
+  }
+
+  // Columns from that of the lowest node to that of a row.
+  JAXMPM_MEMBER int64_t row_columns(int row) const {
+    return D == 3 ? int64_t{row / kStencil} * across + row % kStencil : int64_t{row};
+  }
+
+  // Where the stencil with this lowest node starts; for other rows than those stored on the array all the same.
+  JAXMPM_MEMBER int64_t start(int32_t node) {
+    if (!first) return node * stride;
+    const int32_t column = node / levels, level = node - column * levels;
+    largest = 0;
+    for (int row = 0; row < rows_of(D); ++row) {
+      const int64_t lowest = int64_t{first[column + row_columns(row)]} + level;
+      of[row] = (lowest < 0 ? 0 : lowest > last ? last : lowest) * stride;
+      largest = of[row] > largest ? of[row] : largest;
+    }
+    return 0;
+  }
+};
+
+// One particle to its stencil, from axis number D_ALL - D on; `n` is the number of what is before.
 template <class T, int W, int D, int ORDER, int D_ALL>
 JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D_ALL, ORDER>& weights, int p,
-                          const int64_t* strides, T* node) {
+                          const NodeRows<D_ALL>& rows, T* node, int n = 0) {
   if constexpr (D == 0) {
     store<T, W>(node, load<T, W>(node) + a.d[0]);
   } else {
@@ -178,7 +216,8 @@ JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D
 #pragma GCC unroll 3
     for (int k = 0; k < kStencil; ++k) {
       const AxisWeight<T> at = weight_of(weights, axis, k, p);
-      spread<T, W, D - 1, ORDER, D_ALL>(lower<T, W, D, ORDER>(a, at), weights, p, strides, node + k * strides[axis]);
+      T* const to = D == 1 ? node + rows.of[n] + k * rows.stride : node;
+      spread<T, W, D - 1, ORDER, D_ALL>(lower<T, W, D, ORDER>(a, at), weights, p, rows, to, kStencil * n + k);
     }
   }
 }
@@ -220,24 +259,6 @@ JAXMPM_APART Jet<T, W, jets(D - LEFT, ORDER)> collect_slowly(const Weights<T, D_
   return r;
 }
 
-template <int D>
-JAXMPM_INLINE void node_strides(const Plan& plan, int64_t* strides) {
-  int64_t step = plan.stride;
-  for (int axis = D - 1; axis >= 0; --axis) {
-    strides[axis] = step;
-    step *= plan.shape[axis];
-  }
-}
-
-// From the lowest node of a stencil to its node number n over the first A axes, the last of them first.
-template <int A>
-JAXMPM_INLINE int64_t offset_of(int n, const int64_t* strides) {
-  int64_t offset = 0;
-#pragma GCC unroll 3
-  for (int axis = A - 1; axis >= 0; --axis, n /= kStencil) offset += n % kStencil * strides[axis];
-  return offset;
-}
-
 // The packs that a block of particles brings to its nodes, one per derivative; `to` starts as zeros.
 template <class T, int W, int J>
 JAXMPM_APART void fill_coefficients(const Plan& plan, const void* const* rows, const Block& block,
@@ -264,9 +285,7 @@ void scatter(const Plan& plan, const T* __restrict position, const void* const* 
   const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
   alignas(64) T coefficients[J][kBlock][W] = {};
-  const int32_t stride = plan.stride;
-  int64_t strides[D];
-  node_strides<D>(plan, strides);
+  NodeRows<D> stencil_rows(plan);
   for (int64_t from = begin; from < end; from += kBlock) {
     const Block block(index, from, end);
     fill_weights(axes, Positions<T, D>(axes, position, block), weights);
@@ -275,7 +294,8 @@ void scatter(const Plan& plan, const T* __restrict position, const void* const* 
       Jet<T, W, J> a;
 #pragma GCC unroll 10
       for (int j = 0; j < J; ++j) a.d[j] = load<T, W>(coefficients[j][p]);
-      spread<T, W, D, ORDER, D>(a, weights, p, strides, nodal + int64_t{weights.node[p]} * stride);
+      T* const node = nodal + stencil_rows.start(weights.node[p]);
+      spread<T, W, D, ORDER, D>(a, weights, p, stencil_rows, node);
     }
   }
 }
@@ -343,10 +363,9 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* __restrict position, cons
   const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
   alignas(64) T edge[kPacks * P] = {}, sums[J][L > 0 ? kBlock : 1][P] = {};
-  int64_t strides[D], total = plan.stride;
-  node_strides<D>(plan, strides);
-  for (int axis = 0; axis < D; ++axis) total *= plan.shape[axis];
-  const int64_t highest = total - P - offset_of<D - LEFT>(kPacks - 1, strides);
+  NodeRows<D> rows(plan);
+  const int64_t highest = plan.nodes * plan.stride - P - (LEFT ? 0 : 2 * rows.stride);
+  const auto offset_of = [&](int n) { return LEFT ? rows.of[n] : rows.of[n / kStencil] + n % kStencil * rows.stride; };
   const int within_row = (LEFT ? kStencil : 1) * plan.stride;
   const int32_t stride = plan.stride;
   const auto collected = [&](int p, const auto& pack) { return collect<T, P, D, ORDER, D, LEFT>(weights, p, pack); };
@@ -361,12 +380,13 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* __restrict position, cons
       Jet<T, P, J> r;
       if (!kHeld || weights.node[p] != base) {
         base = weights.node[p];
-        const T* node = nodal + int64_t{base} * stride;
-        const auto read = [&](int n) { return load<T, P>(node + offset_of<D - LEFT>(n, strides)); };
-        const bool within = __builtin_expect(int64_t{base} * stride <= highest, 1);
+        const int64_t start = rows.start(base);
+        const T* node = nodal + start;
+        const auto read = [&](int n) { return load<T, P>(node + offset_of(n)); };
+        const bool within = __builtin_expect(start + rows.largest <= highest, 1);
         // The last pack would end beyond the array.
         for (int n = 0; !within && n < kPacks; ++n) {
-          for (int i = 0; i < within_row && i < P; ++i) edge[n * P + i] = node[offset_of<D - LEFT>(n, strides) + i];
+          for (int i = 0; i < within_row && i < P; ++i) edge[n * P + i] = node[offset_of(n) + i];
         }
         if constexpr (kHeld) {
 #pragma GCC unroll 9
@@ -597,6 +617,34 @@ void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, u
   }
 }
 
+template <class T, int D>
+void lowest_nodes(const Plan& plan, const T* position, int32_t* column, int32_t* level) {
+  const Axes<T> axes(plan);
+  alignas(64) T cells[kBlock], base[kBlock];
+  for (int64_t from = 0; from < plan.particles; from += kBlock) {
+    const Block block(nullptr, from, plan.particles);
+    const Positions<T, D> at(axes, position, block);
+    alignas(64) int32_t number[kBlock] = {};
+    for (int axis = 0; axis < D; ++axis) {
+      locate(axes, axis, at.of[axis], cells, base);
+      if (axis < D - 1) {
+        for (int p = 0; p < kBlock; ++p) number[p] = number[p] * axes.nodes[axis] + static_cast<int32_t>(base[p]);
+      }
+    }
+    for (int p = 0; p < block.count; ++p) {
+      column[from + p] = number[p];
+      level[from + p] = static_cast<int32_t>(base[p]);
+    }
+  }
+}
+
+template <class T>
+void lowest(const Plan& plan, const void* position, int32_t* column, int32_t* level) {
+  const T* at = static_cast<const T*>(position);
+  if (plan.dimension == 2) lowest_nodes<T, 2>(plan, at, column, level);
+  else lowest_nodes<T, 3>(plan, at, column, level);
+}
+
 }  // namespace
 
 #define JAXMPM_JOIN_OF(a, b) a##_##b
@@ -604,6 +652,6 @@ void slabs(const Plan& plan, const void* position, int64_t begin, int64_t end, u
 
 using Number = JAXMPM_SCALAR;
 extern const Kernels JAXMPM_JOIN(JAXMPM_ISA, JAXMPM_SCALAR) = {
-    chosen<ScatterOf<Number>>, chosen<GatherOf<Number>>, chosen<ContractOf<Number>>, slabs<Number>};
+    chosen<ScatterOf<Number>>, chosen<GatherOf<Number>>, chosen<ContractOf<Number>>, slabs<Number>, lowest<Number>};
 
 }  // namespace jaxmpm

@@ -32,6 +32,8 @@ struct Term {
 struct Plan {
   int32_t dimension;
   int32_t shape[kAxes];
+  int64_t nodes;          // that are stored
+  const int32_t* first;   // of each column, the row of its lowest node less that node's number in it; null where all are stored
   double origin[kAxes];
   double cell;
   ShapeFunction function;
@@ -62,6 +64,9 @@ using ContractKernel = void (*)(const Plan&, const void* position, const void* n
 // The slab of each particle's lowest node.
 using SlabsKernel = void (*)(const Plan&, const void* position, int64_t begin, int64_t end, uint8_t* slab);
 
+// The column of each particle's lowest node, and that node's number in the column.
+using LowestKernel = void (*)(const Plan&, const void* position, int32_t* column, int32_t* level);
+
 // Kernels of one instruction set and scalar type. The first three are chosen by a plan's dimension, width and order, and null
 // for a plan that no kernel was compiled for.
 struct Kernels {
@@ -69,6 +74,7 @@ struct Kernels {
   GatherKernel (*gather)(const Plan&);
   ContractKernel (*contract)(const Plan&);
   SlabsKernel slabs;
+  LowestKernel lowest;
 };
 
 }  // namespace jaxmpm

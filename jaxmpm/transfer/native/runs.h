@@ -60,8 +60,6 @@ JAXMPM_INLINE void add_first(float* node, __m512& a, __m512& b) {
   b = without_first(b);
 }
 
-constexpr int rows_of(int dimension) { return dimension == 1 ? 1 : dimension == 2 ? 3 : 9; }
-
 // Products of a block's weights over all axes but the last, by derivative and row of the stencil.
 template <int D, int ORDER>
 struct RowWeights {
@@ -171,9 +169,7 @@ void scatter_runs(const Plan& plan, const float* position, const void* const* ro
     alone[term.channel / kGroup][term.jet][term.channel % kGroup] = &term;
     single &= term.first_at_node;
   }
-  int64_t strides[D], offsets[R];
-  node_strides<D>(plan, strides);
-  for (int row = 0; row < R; ++row) offsets[row] = offset_of<D - 1>(row, strides);
+  NodeRows<D> node_rows(plan);
   Weights<float, D, ORDER> weights;
   RowWeights<D, ORDER> across;
   alignas(64) float columns[G][J][kGroup][kBlock] = {}, coefficients[G][J][kBlock * kGroup];
@@ -182,7 +178,7 @@ void scatter_runs(const Plan& plan, const float* position, const void* const* ro
   RowSums<G, R> sums;
   sums.clear();
   int32_t base = -1;  // lowest node of the stencil that `sums` belongs to
-  const auto node = [&] { return nodal + int64_t{base} * plan.stride; };
+  float* node = nodal;  // where it starts
   for (int64_t from = begin; from < end; from += kBlock) {
     const Block block(index, from, end);
     const bool in_place = single && !block.list && block.count == kBlock;
@@ -211,12 +207,13 @@ void scatter_runs(const Plan& plan, const float* position, const void* const* ro
     for (int p = 0; p < block.count; ++p) {
       if (weights.node[p] != base) {
         if (base >= 0 && weights.node[p] == base + 1) {
-          sums.move_up(node(), offsets);
+          sums.move_up(node, node_rows.of);
         } else {
-          if (base >= 0) sums.add(node(), offsets);
+          if (base >= 0) sums.add(node, node_rows.of);
           sums.clear();
         }
         base = weights.node[p];
+        node = nodal + node_rows.start(base);
       }
       const int place = place_of(p);
       __m512 along[ORDER + 1];
@@ -228,7 +225,7 @@ void scatter_runs(const Plan& plan, const float* position, const void* const* ro
       if constexpr (G == 2) add_products<D, orders[1]>(coefficients[1], place, along, across.of, p, sums.of[1]);
     }
   }
-  if (base >= 0) sums.add(node(), offsets);
+  if (base >= 0) sums.add(node, node_rows.of);
 }
 
 // Highest derivative that channels of the first group meet.

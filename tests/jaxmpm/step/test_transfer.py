@@ -368,6 +368,12 @@ REFUSED = [
     ({"position": (2, 2, 5)}, "leading axes"),
     ({"rows": (1, 3, 4)}, "number of particles"),
     ({"padded": 8}, "not padded"),
+    ({"stored": 63, "first": (3, 1, 9)}, None),
+    ({"stored": 63}, "does not exist"),  # the block of rows is taken for them
+    ({"stored": 63, "first": (3, 1, 7)}, "one row for each column"),
+    ({"stored": 63, "first": (2, 1, 9)}, "leading axes"),
+    ({"stored": 62, "first": (3, 1, 9)}, "as many nodes as the grid"),
+    ({"stored": 2, "first": (3, 1, 9)}, "fewer than 3"),
 ]
 
 
@@ -376,13 +382,15 @@ REFUSED = [
 def test_kernels_refuse_what_they_cannot_do(changed, message):
     """Straight to the library, past the checks in Python: three lanes of five particles on 9 x 7 nodes."""
     given = {"position": (3, 2, 5), "rows": (1, 3, 5), "padded": 4, "shape": (9, 7), "origin": (0.0, 0.0), "cell": 1.0}
-    given |= {"function": 1, "half": (0.25, 0.25), "terms": (0, 0, 0, 1)} | changed
+    given |= {"function": 1, "half": (0.25, 0.25), "terms": (0, 0, 0, 1), "stored": 0} | changed
     nodal = jax.ShapeDtypeStruct((3, 63, given["padded"]), jnp.float32)
     attributes = {name: np.array(given[name], np.int64) for name in ("shape", "terms")}
     attributes |= {name: np.array(given[name], np.float64) for name in ("origin", "half")}
-    attributes |= {"cell": np.float64(given["cell"]), "function": np.int64(given["function"])}
+    attributes |= {"cell": np.float64(given["cell"])}
+    attributes |= {name: np.int64(given[name]) for name in ("function", "stored")}
     call = jax.ffi.ffi_call("jaxmpm_scatter", nodal)
     arrays = [jnp.ones(given[name], jnp.float32) for name in ("position", "rows")]
+    arrays[1:1] = [jnp.zeros(given["first"], jnp.int32)] if "first" in given else []
     if message is None:
         assert call(*arrays, **attributes).shape == nodal.shape
         return

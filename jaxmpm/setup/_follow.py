@@ -1,0 +1,70 @@
+"""Nodes stored near the soil alone, where the box around it has many more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxmpm.support import check
+from jaxmpm.transfer import SPARE, can_follow, with_room
+from jaxmpm.types import Scene, State
+
+SPARSE = 8
+"""Nodes of a grid over those that its soil reaches from which on the latter alone are stored."""
+
+FEW = 5000
+"""Nodes up to which a grid stores all of them: their part in a step is small."""
+
+
+def follow_soil(scene: Scene, state: State | None = None) -> Scene:
+    """The scene with nodes stored near its soil alone, of which each step finds out where they are.
+
+    Of each column along the last axis those from the lowest to the highest are stored that soil reaches. Answers are
+    those of a grid that stores all, to rounding. There is room for twice the nodes that soil reaches at the start, or
+    in a given state. `solve` and `solve_each` make more where a run needs more; elsewhere the lane then has the status
+    GRID_FULL. Grounds do this by themselves where the box has eight times as many nodes, and more than 5000.
+
+    Args:
+        scene: in two or three dimensions.
+        state: for whose soil there is to be room, such as the last of a run that `replay` takes again; None for the
+            start. Of several lanes, all have room.
+
+    Returns:
+        Scene.
+
+    Raises:
+        ValueError: If positions are traced, or the scene has one dimension, an internal length, bridged gaps, tied
+            sides or a free field, which need nodes that soil does not reach.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil = mpm.Soil(young=5e6, strength=9e3)
+        >>> numerics = mpm.Discretisation(cell=1.0, spacing=(0.5, 0.5))
+        >>> scene, state = mpm.block((4.0, 4.0), soil, numerics, domain=(12.0, 12.0), corner=(2.0, 2.0))
+        >>> scene.grid.nodes, mpm.follow_soil(scene).grid.stored
+        (225, 112)
+    """
+    if check.is_traced(scene.particles.position) or check.is_traced(state):
+        raise ValueError("where soil is, is traced: choose the nodes that are stored outside of jit, vmap and grad")
+    if not can_follow(scene):
+        raise ValueError(
+            "the scene has one dimension, an internal length, bridged gaps, tied sides or a free field, which need "
+            "nodes that soil does not reach: store all nodes"
+        )
+    position = np.asarray(scene.particles.position)
+    grid = with_room(scene.grid, position if state is None else position + np.asarray(state.displacement))
+    return replace(scene, grid=grid)
+
+
+def follow_sparse_soil(scene: Scene) -> Scene:
+    """The scene with nodes stored near its soil where the grid has SPARSE times as many, else as it is."""
+    grid, particles = scene.grid, scene.particles
+    if grid.nodes < FEW or check.is_traced(particles) or not can_follow(scene):
+        return scene
+    # It reaches a node for each cell that it fills, at the least.
+    if grid.nodes < SPARSE * float(np.sum(particles.volume)) / grid.cell**grid.dimension:
+        return scene
+    following = follow_soil(scene)
+    stored = following.grid.stored or grid.nodes
+    return following if grid.nodes * SPARE >= SPARSE * stored else scene

@@ -1,0 +1,268 @@
+"""Nodes stored near soil alone: the answers of a grid that stores all, and room for soil that spreads."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxmpm as mpm
+from jaxmpm.equations import closed, gaps
+from jaxmpm.grid import Grid, Wall
+from jaxmpm.run import lanes, repeat
+from jaxmpm.transfer import GIMP, beside, g2p, near_soil, of_all, of_stored, p2g, with_room, within_cells
+from jaxmpm.transfer._near import near_nodes
+from jaxmpm.types import Engine
+
+CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
+SAND = mpm.FrictionalSoil(0.5e3, 30.0, young=5e6, tension_cutoff=0.0)
+FLAT = mpm.Discretisation(1.0, (0.5, 0.5))
+STEEP = np.add.outer(8.0 - np.arange(6.0), np.zeros(4))
+
+
+def everywhere(scene):
+    return replace(scene, grid=replace(scene.grid, stored=None))
+
+
+def close(a, b, tolerance=1e-9):
+    a, b = np.asarray(a), np.asarray(b)
+    assert np.abs(a - b).max() <= tolerance * np.abs(b).max()
+
+
+def thrown(walls="friction", size=(3.0, 2.0), soil=CLAY, **numerics):
+    """A block that flies into a corner of a large domain."""
+    chosen = mpm.Discretisation(1.0, (0.5,) * len(size), **numerics)
+    across, velocity = [6.0] * (len(size) - 1), [-2.0] * (len(size) - 1)
+    return mpm.block(
+        size, soil, chosen, domain=(*[40.0] * len(size),), corner=(*[1.0] * len(across), 1.0),
+        velocity=(*velocity, -4.0), gravity=(*[0.0] * len(across), -9.81), walls=walls, speed=20.0,
+        **({"friction": 0.3, "cohesion": 1e3} if walls == "friction" else {}),
+    )  # fmt: skip
+
+
+def on_bedrock(soil=SAND, **choices):
+    """A layer on steep bedrock in three dimensions."""
+    rock = mpm.Raster(STEEP, (0.0, 0.0), 2.0)
+    surface = replace(rock, heights=STEEP + 0.8 + np.linspace(0, 0.5, 4))
+    shape = mpm.Terrain(surface, base=0.0, bedrock=rock, **choices)
+    return mpm.terrain(shape, soil, mpm.Discretisation(1.0, (0.5,) * 3), at_rest=False, speed=20.0)
+
+
+SCENES = {
+    "friction": thrown,
+    "rollers": partial(thrown, "roller", cell_average=True),
+    "fixed": partial(thrown, "fixed", scheme=mpm.Scheme.USL, flip=0.95, xpic=2, fbar=True),
+    "apic": partial(thrown, "fixed", kernel=mpm.QuadraticBSpline, apic=True, flip=0.0, scheme=mpm.Scheme.USF),
+    "contact": partial(on_bedrock, interface=mpm.Interface(20.0, 2e3)),
+    "rock": partial(on_bedrock, CLAY),
+}
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("name", SCENES)
+def test_a_run_is_that_of_a_grid_that_stores_all(name):
+    scene, state = SCENES[name]()
+    near = mpm.follow_soil(scene)
+    assert near.grid.stored < scene.grid.nodes
+    steps = jnp.asarray(60)
+    ours, theirs = (jax.jit(mpm.advance)(one, state, steps) for one in (near, everywhere(scene)))
+    assert ours.status == theirs.status == mpm.Status.RUNNING
+    assert ours.step == 60
+    for field in ("displacement", "velocity", "stress", "volume_ratio"):
+        close(getattr(ours, field), getattr(theirs, field), 1e-8)
+    close(mpm.diagnostics.grid_velocity(near, ours), mpm.diagnostics.grid_velocity(everywhere(scene), ours), 1e-8)
+
+
+@pytest.mark.usefixtures("x64")
+def test_the_stress_at_rest_is_that_of_a_grid_that_stores_all():
+    scene, state = on_bedrock(interface=mpm.Interface(40.0))
+    near = mpm.follow_soil(scene)
+    ours, theirs = (mpm.at_rest(one).stress for one in (near, everywhere(scene)))
+    close(ours, theirs, 1e-6)
+    assert np.any(ours != state.stress)
+
+
+SHAPE, COUNT = (7, 6, 9), 40
+KERNEL = GIMP((0.25, 0.25, 0.25))
+WALLS = (Wall(0, "low", 1, "fixed"), Wall(1, "high", 4, "fixed"), Wall(2, "low", 1, "fixed"))
+
+
+@jax.jit
+def on_both(scene, position, carried, stress):
+    """Sums at the nodes, gaps, forces and cell averages, and what goes back to the particles: near soil, and of all."""
+
+    def on(one):
+        nodal = p2g(one.grid, KERNEL, position, carried, stress)
+        values, gradient = g2p(one.grid, KERNEL, position, nodal, values=2, gradients=2)
+        gap = gaps(one, nodal[:, 0])
+        forces = closed(one, gap, nodal[:, -3:])
+        averaged = within_cells(one.grid, position, carried[1], carried[0], carried[1] > 0)
+        return [of_all(one.grid, a) for a in (nodal, gap, forces, mpm.boundary.hold(one, nodal[:, -3:]))], (
+            values,
+            gradient,
+            averaged,
+        )
+
+    near = near_soil(replace(scene, grid=replace(scene.grid, stored=SHAPE[0] * SHAPE[1] * SHAPE[2])), position)
+    return on(near), on(scene), near.grid.near
+
+
+@pytest.mark.usefixtures("x64")
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 1.0))
+@settings(deadline=None, max_examples=25)
+def test_transfers_and_nodes_agree_with_a_grid_that_stores_all(seed, spread):
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform(1, np.array(SHAPE) - 2.5, (COUNT, 3)).T
+    position = np.clip(
+        middle.mean(axis=1, keepdims=True) * (1 - spread) + spread * middle, 0.51, np.array(SHAPE)[:, None] - 1.51
+    )
+    scene, _ = thrown(size=(2.0, 2.0, 2.0))
+    cut = np.arange(SHAPE[-1]) < rng.integers(0, SHAPE[-1], SHAPE[:-1])[..., None]
+    boundary = replace(scene.boundary, walls=WALLS, cut=jnp.asarray(cut.ravel()))
+    scene = replace(everywhere(scene), grid=Grid(SHAPE, 1.0, (0.0,) * 3), boundary=boundary)
+    carried = rng.uniform(0.5, 1.5, (2, COUNT)) * [[1.0], [1.0]] - [[0.0], [1.0]]
+    (nodal, back), (nodal_of_all, back_of_all), near = on_both(
+        scene, jnp.asarray(position), jnp.asarray(carried), jnp.asarray(rng.normal(size=(6, COUNT)))
+    )
+    # At a node that soil does not reach, gaps and forces act on nothing.
+    reached = np.asarray(nodal_of_all[0][:, 0]) > 0
+    assert not np.asarray(nodal[0])[~reached].any()
+    ours, theirs = (
+        [*(np.asarray(values)[reached] for values in at_nodes), *at_particles]
+        for at_nodes, at_particles in ((nodal, back), (nodal_of_all, back_of_all))
+    )
+    for a, b in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * max(1, np.abs(b).max()))
+    assert set(np.flatnonzero(reached)) <= set(np.asarray(near.node)) - {-1}
+    assert near.needed == (np.asarray(near.node) >= 0).sum()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@given(st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=15)
+def test_compiled_nodes_are_those_of_xla_and_know_their_neighbours(d, seed):
+    rng = np.random.default_rng(seed)
+    grid = replace(Grid(SHAPE[:d], 0.5, (-1.0,) * d), stored=[60, 200][d - 2])
+    position = jnp.asarray(rng.uniform(-1.5, 4.0, (d, 1)) + rng.uniform(-1.2, 1.2, (d, 12)), jnp.float32)
+    ours, theirs = (near_nodes(grid, position, engine=engine) for engine in (None, Engine.XLA))
+    assert jax.tree.all(jax.tree.map(np.array_equal, ours, theirs))
+    if ours.needed > grid.stored:
+        return
+    grid, rows = replace(grid, near=ours), {int(n): row for row, n in enumerate(np.asarray(ours.node)) if n >= 0}
+    for axis in range(d):
+        for step in (-1, 1):
+            found = np.asarray(beside(grid, axis, step))
+            for node, row in rows.items():
+                at = np.array(np.unravel_index(node, grid.shape))
+                at[axis] += step
+                there = 0 <= at[axis] < grid.shape[axis]
+                number = int(np.ravel_multi_index(at, grid.shape)) if there else -1
+                assert found[row] == rows.get(number, -1)
+
+
+def test_values_go_to_all_nodes_and_back():
+    scene, _ = thrown()
+    grid = near_soil(mpm.follow_soil(scene), scene.particles.position).grid
+    values = jnp.arange(1.0, grid.nodes + 1)
+    kept = np.asarray(of_all(grid, of_stored(grid, values)))
+    assert set(np.flatnonzero(kept)) == set(np.asarray(grid.near.node)) - {-1}
+    assert np.array_equal(kept[kept > 0], np.asarray(values)[kept > 0])
+
+
+def burst():
+    """Soil that flies apart, from a block over far more nodes than it starts with, with room for its start."""
+    scene, state = thrown("roller", soil=mpm.Soil(young=1e5, strength=50.0, tension_cutoff=0.0, unusual=True))
+    away = scene.particles.position - scene.particles.position.mean(axis=1, keepdims=True)
+    state = replace(state, velocity=state.velocity * 0 + jnp.abs(away) * 8.0)
+    tight = with_room(scene.grid, scene.particles.position).stored // 2
+    return replace(scene, grid=replace(scene.grid, stored=tight)), state
+
+
+@pytest.mark.usefixtures("x64")
+def test_soil_that_spreads_far_gets_more_nodes_and_ends_as_on_a_grid_that_stores_all():
+    scene, state = burst()
+    ended = mpm.solve(scene, state, t_end=1.5, snapshots=[0.7]).raise_if_failed()
+    theirs = mpm.solve(everywhere(scene), state, t_end=1.5, snapshots=[0.7])
+    assert ended.state.step == theirs.state.step
+    assert float(mpm.diagnostics.largest_displacement(ended.state)) > 10
+    close(ended.state.displacement, theirs.state.displacement)
+    close(ended.snapshots[0].velocity, theirs.snapshots[0].velocity)
+    # Without more nodes the lane takes no step, and says so.
+    full = jax.jit(mpm.advance)(scene, state, jnp.asarray(int(ended.state.step)))
+    assert full.status == mpm.Status.GRID_FULL
+    assert 0 < full.step < ended.state.step
+    again, _ = mpm.replay(scene, state, int(full.step))
+    close(full.displacement, again.displacement)
+    # From there a run goes on, with room for its soil, bit for bit.
+    roomy = mpm.follow_soil(scene, ended.state)
+    assert roomy.grid.stored > scene.grid.stored
+    rest = mpm.solve(roomy, replace(full, status=jnp.int32(0)), t_end=1.5 - float(full.step * scene.numerics.time_step))
+    assert np.array_equal(rest.state.displacement, ended.state.displacement)
+
+
+def test_lanes_have_nodes_of_their_own():
+    scene, state = burst()
+    strengths = jnp.array([50.0, 2e4], jnp.float32)
+    varied, axes = lanes(scene, strength=strengths)
+    together = mpm.solve(varied, repeat(state, 2), t_end=0.5, axes=axes, rules=[mpm.Exceeds(1e3)]).raise_if_failed()
+    for lane, strength in enumerate(strengths):
+        alone = replace(scene, material=replace(scene.material, strength=strength))
+        ended = mpm.solve(alone, state, t_end=0.5).state
+        assert np.array_equal(together.state.displacement[lane], ended.displacement)
+    samples = {"strength": [50.0, 2e4, 1e3]}
+    one, two = (dict(mpm.solve_each(scene, state, samples, width=width, t_end=0.5)) for width in (1, 2))
+    for number, result in one.items():
+        assert result.status == mpm.Status.FINISHED
+        assert np.array_equal(result.state.displacement, two[number].state.displacement)
+
+
+@pytest.mark.usefixtures("x64")
+def test_derivatives_are_those_of_a_grid_that_stores_all():
+    scene, state = thrown()
+
+    def far(scene, strength):
+        law = replace(scene.material, strength=strength)
+        final, _ = mpm.replay(replace(scene, material=law), state, 40)
+        return jnp.sum(final.displacement**2)
+
+    near = mpm.follow_soil(scene)
+    ours, theirs = (jax.grad(far, argnums=1)(one, scene.material.strength) for one in (near, everywhere(scene)))
+    forward = jax.jvp(partial(far, near), (scene.material.strength,), (jnp.ones(()),))[1]
+    assert theirs != 0
+    close(ours, theirs, 1e-7)
+    close(forward, theirs, 1e-7)
+
+
+def test_a_box_of_mostly_air_follows_its_soil_and_others_store_all():
+    scene, _ = thrown(size=(2.0, 2.0, 2.0))
+    assert scene.grid.stored == mpm.follow_soil(scene).grid.stored < scene.grid.nodes / 50
+    full, state = mpm.slope(mpm.Slope(crest=6, height=4, run_per_rise=1.0, toe=8, foundation=2), CLAY, FLAT)
+    assert full.grid.stored is None
+
+    def program(scene):
+        return jax.jit(mpm.step).lower(scene, state, scene.numerics.time_step).as_text()
+
+    assert "jaxmpm_near" in program(mpm.follow_soil(full))
+    assert "jaxmpm_near" not in program(full)
+
+
+@pytest.mark.parametrize("choice", [{"internal_length": 1.5}, {"bridging": True}])
+def test_what_spreads_beyond_the_soil_stores_all(choice):
+    scene, _ = thrown(**choice)
+    assert scene.grid.stored is None
+    with pytest.raises(ValueError, match="need nodes that soil does not reach: store all nodes"):
+        mpm.follow_soil(scene)
+
+
+def test_traced_positions_are_refused():
+    scene, _ = thrown()
+
+    def stored(position):
+        return mpm.follow_soil(replace(scene, particles=replace(scene.particles, position=position))).grid.stored
+
+    with pytest.raises(ValueError, match="where soil is, is traced: choose the nodes that are stored outside of jit"):
+        jax.jit(stored)(scene.particles.position)
