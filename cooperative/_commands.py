@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from jaxmpm.support.text import printable
 if TYPE_CHECKING:
     from cooperative.scene import Campaign
     from cooperative.store import Source
-    from cooperative.tools.in_time import InTime
+    from cooperative.tools.in_time import Chart, InTime, Kept
 
 CLEAR = "\x1b[2J\x1b[H"
 """Has a terminal begin an empty screen."""
@@ -80,7 +81,57 @@ def resume(args: argparse.Namespace) -> None:
     """Answer `jaxmpm resume`."""
     from cooperative.store import read_store
 
+    if (kept := _asked_in_time(args.folder)) is not None:
+        _resume_in_time(kept, args)
+        return
     _run(read_store(args.folder).source, args.folder, args)
+
+
+def _asked_in_time(folder: Path) -> Kept | None:
+    """The answers of a folder whose samples were asked in time, None for that of a campaign."""
+    from cooperative.store import IN_TIME, read_store, stored_text
+
+    if stored_text(read_store(folder).folder, IN_TIME) is None:
+        return None
+    from cooperative.tools.in_time import kept_in  # which loads what few folders need
+
+    return kept_in(folder)
+
+
+def _resume_in_time(kept: Kept, args: argparse.Namespace) -> None:
+    """Go on with samples that are asked in time."""
+    from cooperative import runs
+    from cooperative.scene import campaign_of
+    from cooperative.tools import in_time
+
+    for option in ("dask", "slides_t_end", "verify"):
+        if getattr(args, option):
+            raise ValueError(
+                f"--{option.replace('_', '-')} is of a campaign, and samples in {args.folder} are asked in time: leave "
+                "it out"
+            )
+    campaign, folder = campaign_of(kept.store), kept.written_to
+    refined_runs = kept.audited if args.refined_runs is None else args.refined_runs
+    with runs.stop_by_signals(ends_process=True):
+        if kept.chart:
+            _chart(in_time.probability_chart(campaign, folder, refined_runs=refined_runs, **_budget(args)), folder)
+        else:
+            _in_time(campaign, folder, refined_runs, _budget(args))
+
+
+def _chart(chart: Chart, folder: Path) -> None:
+    """Write and print a chart."""
+    from cooperative.tools.in_time import chart_lines, write_chart
+
+    print(*map(printable, chart_lines(chart)), *write_chart(chart, folder), sep="\n", flush=True)
+
+
+def _budget(args: argparse.Namespace) -> dict[str, Any]:
+    """Processes that run samples in time, and what says how far they are."""
+    return {
+        "workers": default_workers() if args.workers is None else args.workers,
+        "progress": lambda line: print(line, file=sys.stderr, flush=True),
+    }
 
 
 def _run(source: Source, folder: Path, args: argparse.Namespace) -> None:
@@ -104,10 +155,15 @@ def status(args: argparse.Namespace) -> None:
     """Answer `jaxmpm status`."""
     from cooperative.reporting import progress_of, watched, words
 
+    look = partial(progress_of, args.folder)
+    if _asked_in_time(args.folder) is not None:
+        from cooperative.tools.in_time import progress_in_time
+
+        look = partial(progress_in_time, args.folder)
     if args.watch is None:
-        print(words(progress_of(args.folder)))
+        print(words(look()))
         return
-    for now in watched(args.folder, args.watch):
+    for now in watched(look, args.watch):
         # A terminal shows each in place of the one before.
         print(f"{CLEAR if sys.stdout.isatty() else ''}{now}", flush=True)
 
@@ -116,6 +172,16 @@ def report(args: argparse.Namespace) -> None:
     """Answer `jaxmpm report`."""
     from cooperative.reporting import report
 
+    if (kept := _asked_in_time(args.folder)) is not None:
+        from cooperative.tools import in_time
+
+        if kept.chart:
+            _chart(in_time.read_chart(args.folder), kept.written_to)
+        else:
+            answer, slides = in_time.read_in_time(args.folder)
+            paths = in_time.write_in_time(answer, kept.written_to, slides, drawn=args.slides, again=args.again)
+            print(*map(printable, in_time.lines(answer, slides)), *paths, sep="\n")
+        return
     print(report(args.folder, slides=args.slides, again=args.again))
 
 
@@ -254,10 +320,7 @@ def seepage(args: argparse.Namespace) -> None:
     in_time.check_classes(storms)
     result = wetted(campaign, factors=not args.flow, sample=args.sample)
     print(*map(printable, lines(result)), *write_wetted(result, folder), sep="\n", flush=True)
-    budget: dict[str, Any] = {
-        "workers": default_workers() if args.workers is None else args.workers,
-        "progress": lambda line: print(line, file=sys.stderr, flush=True),
-    }
+    budget = _budget(args)
     with runs.stop_by_signals(ends_process=True):
         if args.probability and len(storms) == 1:
             _in_time(campaign, folder, args.refined_runs, budget)
@@ -268,8 +331,7 @@ def seepage(args: argparse.Namespace) -> None:
             }
             print(*map(printable, in_time.lines_of_year(in_time.annual_in_time(answers))), sep="\n", flush=True)
         if args.chart:
-            chart = in_time.probability_chart(campaign, folder, refined_runs=args.refined_runs, **budget)
-            print(*map(printable, in_time.chart_lines(chart)), *in_time.write_chart(chart, folder), sep="\n")
+            _chart(in_time.probability_chart(campaign, folder, refined_runs=args.refined_runs, **budget), folder)
 
 
 def _storms(args: argparse.Namespace) -> dict[str, Campaign]:

@@ -34,6 +34,7 @@ from cooperative.scene import (
 )
 from cooperative.store import (
     COARSE,
+    IN_TIME,
     MOVING,
     SCORES,
     SLIDES,
@@ -103,6 +104,11 @@ def run(
     runs.refuse_within_import()
     runs.check_flags()
     folder = Path(folder)
+    if stored_text(folder, IN_TIME) is not None:
+        raise ValueError(
+            f"folder {folder} has samples that are asked in time: `jaxmpm resume {folder}` goes on with them; give "
+            "another folder to a campaign"
+        )
     campaign, source = in_folder(scene, folder, estimator, refined_runs, slides_t_end)
     if workers < 1:
         raise ValueError(f"workers = {workers}: give 1 or more")

@@ -17,10 +17,12 @@ from cooperative import runs
 from cooperative.estimate import Estimator
 from cooperative.measure import SEVERITY
 from cooperative.names import DRAWN_SLIDES
-from cooperative.scene import Campaign, FromScript, campaign_of
+from cooperative.scene import Campaign, FromScript, campaign_of, rested
 from cooperative.store import (
     GRIDS,
+    IN_TIME,
     Rows,
+    Scalar,
     Store,
     contents_sum,
     read_sample,
@@ -66,8 +68,7 @@ class Results:
         These are the farthest of each failure mode that occurs, then the next farthest; where nothing failed, the one
         with the largest displacement.
         """
-        grid, rows = ("refined", self.refined) if self.refined.numbers else ("rough", self.rough)
-        failed = self.slid if grid == "refined" else np.zeros(len(rows.numbers), bool)
+        grid, rows, failed = self.grid, self.finest, self.slid
         displacement = rows.columns["displacement"]
         modes = rows.columns.get("mode", np.full(displacement.size, ""))
         order = np.argsort(-displacement, kind="stable").tolist()
@@ -84,15 +85,25 @@ class Results:
         return [*((name, first) for name in GRIDS), *((grid, number) for number in others)]
 
     @property
+    def grid(self) -> str:
+        """The finest grid with runs."""
+        return "refined" if self.refined.numbers else "rough"
+
+    @property
+    def finest(self) -> Rows:
+        """Rows of that grid."""
+        return self.refined if self.refined.numbers else self.rough
+
+    @property
     def weight(self) -> np.ndarray:
-        """What each refined run stands for as a slide (runs,), 0 for those that did not slide to their end."""
-        return np.array([self.summary.consequences.weights.get(number, 0.0) for number in self.refined.numbers], float)
+        """What each of these runs stands for as a slide (runs,), 0 for those that did not slide to their end."""
+        return np.array([self.summary.consequences.weights.get(number, 0.0) for number in self.finest.numbers], float)
 
     @property
     def slid(self) -> np.ndarray:
-        """Refined runs that failed and have consequences: they slid to their end (runs,) bool."""
-        slid = np.array([number in self.summary.consequences.weights for number in self.refined.numbers], bool)
-        return slid & ~self.refined.columns.get("broke_off", np.zeros(slid.size)).astype(bool)
+        """Those that failed and have consequences: they slid to their end (runs,) bool."""
+        slid = np.array([number in self.summary.consequences.weights for number in self.finest.numbers], bool)
+        return slid & ~self.finest.columns.get("broke_off", np.zeros(slid.size)).astype(bool)
 
 
 def read_results(folder: str | Path, estimator: Estimator | None = None) -> Results:
@@ -112,6 +123,8 @@ def read_results(folder: str | Path, estimator: Estimator | None = None) -> Resu
         campaign = campaign or campaign_of(store)
         ground = runs.ground_of(models_of(campaign))
     rough, refined = map(runs.rows_reader(store, ground.samples, ground), GRIDS)
+    if stored_text(store.folder, IN_TIME) is not None:
+        return _slides_in_time(store, ground, rough, refined)
     if not rough.numbers:
         raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
     left_out = [f"{why}: will be run again" for rows in (rough, refined) for why in rows.damaged]
@@ -121,16 +134,30 @@ def read_results(folder: str | Path, estimator: Estimator | None = None) -> Resu
     return Results(store, ground, rough, refined, summary, tuple(left_out))
 
 
+def _slides_in_time(store: Store, ground: runs.StoredGround, rough: Rows, refined: Rows) -> Results:
+    """Slides of samples that were asked in time, whose summary their answers give."""
+    summary = _stored(store, rough, refined)
+    if summary is None:
+        raise ValueError(
+            f"folder {store.folder} has no slide of all samples that fail in time: `jaxmpm resume {store.folder}` goes "
+            "on with them; where none fails there is nothing to show, and a chart has no slides"
+        )
+    return Results(store, ground, rough, refined, summary)
+
+
 def known_summary(store: Store, rows: Mapping[str, Rows], estimator: Estimator | None = None) -> Summary | None:
     """The summary of a campaign's rows; None before the first rough one.
 
-    It is None too where the folder stores none and only a script's estimator, which is not given, can weigh the rows.
+    It is None too where the folder stores none and only a script's estimator, which is not given, can weigh the rows,
+    or where these are slides of samples asked in time, not all of which have ended.
 
     Args:
         store: the campaign's folder.
         rows: of both grids.
         estimator: of the script, where one gave it.
     """
+    if stored_text(store.folder, IN_TIME) is not None:
+        return _stored(store, *rows.values())
     rough, (refined, _) = rows["rough"], _paired(rows["refined"], rows["rough"])
     if not rough.numbers:
         return None
@@ -181,6 +208,19 @@ def models_of(campaign: Campaign) -> dict[str, runs.GridModel]:
     """
     soil = runs.random_soil(campaign)
     return {grid: runs.build(campaign, grid, soil, at_rest=False) for grid in GRIDS}
+
+
+def model_of(campaign: Campaign, grid: str, failed_at: Scalar | None, folder: Path | None = None) -> runs.GridModel:
+    """A grid of a campaign as a stored run began on it, at rest.
+
+    Args:
+        campaign: the campaign.
+        grid: "rough" or "refined".
+        failed_at: FAILED_AT of the run, a slide in time: it rests under the pressure of that time. None for others.
+        folder: of the campaign, which may have the stress at rest.
+    """
+    campaign = campaign if failed_at is None else rested(campaign, float(failed_at))
+    return runs.build(campaign, grid, runs.random_soil(campaign), folder=folder)
 
 
 def stored_ground(store: Store) -> runs.StoredGround | None:

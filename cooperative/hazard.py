@@ -84,16 +84,16 @@ def maps_of(results: Results) -> HazardMaps | None:
     Args:
         results: of a campaign.
     """
-    hazard, refined, pf = results.ground.hazard, results.refined, results.summary.probability
+    hazard, grid, rows, pf = results.ground.hazard, results.grid, results.finest, results.summary.probability
     if hazard is None:
         return None
     # A slide that broke off has no columns.
-    with_columns = np.isfinite(refined.columns.get("area_columns", np.full(len(refined.numbers), np.nan)))
+    with_columns = np.isfinite(rows.columns.get("area_columns", np.full(len(rows.numbers), np.nan)))
     slid = np.flatnonzero((results.weight > 0) & with_columns)
-    samples = [read_sample(results.store, "refined", refined.numbers[at]) for at in slid]
+    samples = [read_sample(results.store, grid, rows.numbers[at]) for at in slid]
     if not samples:
         return None
-    plan = results.ground.grids["refined"].columns
+    plan = results.ground.grids[grid].columns
     where, beyond = plan.ground, plan.beyond(results.ground.face)
     fields = {name: np.stack([sample.fields[name] for sample in samples])[:, *where] for name in runs.COLUMNS}
     first, last = (max(at - where[0].start, 0) for at in (beyond.start, beyond.stop))

@@ -13,21 +13,19 @@ from cooperative.estimate import Estimator
 from cooperative.exports._dataset import write_geotiff, write_netcdf
 from cooperative.exports._map_files import write_geopackage, write_notice, write_tidy
 from cooperative.exports._tables import rows_of, write_table
-from cooperative.folder import known_summary, models_of, read_results, stored_ground
+from cooperative.folder import known_summary, model_of, models_of, read_results, stored_ground
 from cooperative.hazard import HazardMaps, maps_of
 from cooperative.names import EXPORTS, GRIDS, USUAL_EXPORTS
 from cooperative.runs import (
     GridModel,
     SampleSoil,
     StoredGround,
-    build,
     ground_of,
-    random_soil,
     read_drawn,
     soil_of,
 )
 from cooperative.scene import campaign_of
-from cooperative.store import FinishedRun, Store, own_folder, read_sample, read_store
+from cooperative.store import FAILED_AT, IN_TIME, FinishedRun, Store, own_folder, read_sample, read_store, stored_text
 from jaxmpm import Result, solve, write_particles, write_vtkhdf
 from jaxmpm.support.files import remove_leftovers
 
@@ -51,7 +49,7 @@ def export(
     - "netcdf": `campaign.nc`, by xarray and h5netcdf (extra "exports").
 
     Args:
-        folder: of the campaign.
+        folder: of the campaign, or of samples that were asked in time, whose slides are written.
         kinds: any of these, None for the first three, which need no extra.
         estimator: the one that `cooperative.campaign.run` was given, where it was given one, see `write_table`.
 
@@ -73,7 +71,11 @@ def export(
     ground = stored_ground(store) or ground_of(models())
     rows = rows_of(store, ground)
     if not any(rows[grid].numbers for grid in GRIDS):
-        raise ValueError(f"folder {folder} has no finished sample yet: start the run first")
+        raise ValueError(
+            f"folder {folder} has no finished sample yet: start the run first"
+            if stored_text(store.folder, IN_TIME) is None
+            else f"folder {folder} has no slide of a sample that fails in time, and nothing else to export"
+        )
     for why in [why for grid in GRIDS for why in rows[grid].damaged]:
         warnings.warn(f"{why}: left out", stacklevel=2)
     if "table" in kinds:
@@ -111,7 +113,7 @@ def _check_maps(ground: StoredGround, maps: HazardMaps | None, named: Sequence[s
     if ground.hazard is None:
         raise ValueError("the campaign has no hazard maps to export: give [hazard] in the scene of another")
     if maps is None:
-        raise ValueError("the campaign has no hazard maps to export yet: no refined run has slid to its end")
+        raise ValueError("the campaign has no hazard maps to export yet: no run has slid to its end")
     if (wrong := [kind for kind in named if kind in IN_PLAN]) and ground.dimension != 3:
         raise ValueError(
             f"a section has no map in plan to export as {wrong[0]}: give maps, whose hazard.csv is along x"
@@ -158,11 +160,11 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
     ground = stored_ground(store) or ground_of(models_of(campaign_of(store)))
     if frames is None:
         soil = read_drawn(store.folder, [(grid, number)]).get((grid, number))
-        soil = soil or _soil_of(lambda: {grid: _model(store, grid, at_rest=False)}, grid, sample)
+        soil = soil or _soil_of(lambda: models_of(campaign_of(store)), grid, sample)
         return _series_of_fields(store, grid, ground.grids[grid].position, sample, soil)
     if frames < 2:
         raise ValueError(f"frames = {frames}: give 2 or more, the first is the start and the last the end")
-    model = _model(store, grid, at_rest=True)
+    model = model_of(campaign_of(store), grid, sample.row.get(FAILED_AT), store.folder)
     times = np.linspace(0.0, sample.steps * model.time_step(sample.coefficients), frames)
     path = _series_path(store, grid, number)
     result = run_again(model, sample, times)
@@ -208,11 +210,6 @@ def _series_of_fields(store: Store, grid: str, position: np.ndarray, sample: Fin
 
 def _series_path(store: Store, grid: str, number: int) -> Path:
     return own_folder(store.folder / "series") / f"{grid}-{number:06d}.vtkhdf"
-
-
-def _model(store: Store, grid: str, *, at_rest: bool) -> GridModel:
-    campaign = campaign_of(store)
-    return build(campaign, grid, random_soil(campaign), at_rest=at_rest, folder=store.folder)
 
 
 def _few(numbers: list[int], most: int = 10) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from cooperative import runs
 from cooperative.estimate import Estimator, Exceedance
-from cooperative.folder import Results, models_of, read_results
+from cooperative.folder import Results, model_of, models_of, read_results
 from cooperative.hazard import THICKNESS, HazardMaps, maps_of
 from cooperative.names import DRAWN_SLIDES
 from cooperative.reporting import _bodies as bodies
@@ -22,7 +22,7 @@ from cooperative.reporting import _sentences as sentences
 from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._page import page
 from cooperative.scene import campaign_of
-from cooperative.store import GRIDS, FinishedRun, own_folder, read_sample, write_aside
+from cooperative.store import FAILED_AT, GRIDS, FinishedRun, Scalar, own_folder, read_sample, write_aside
 from jaxmpm import solve_each
 from jaxmpm.run import Midway
 from jaxmpm.support.files import remove_leftovers
@@ -56,21 +56,43 @@ def report(
         raise ValueError(f"slides = {slides}: give 0 or more")
     results = read_results(folder, estimator)
     labels, cut = sentences.labels(results), sentences.cut_off(results.summary)
-    figures = [*_hazards(results, maps_of(results), labels, cut), *_numbers(results, labels, cut)]
+    figures = [*_hazards(results, labels, cut), *_numbers(results, labels, cut)]
     figures += _slopes(results, slides, again, estimator)
+    _write(results, figures)
+    write_aside(results.store.folder / "report.html", page(results, figures).encode())
+    return sentences.words(results)
+
+
+def draw_slides(results: Results, *, slides: int = DRAWN_SLIDES, again: bool = False) -> list[Drawn]:
+    """Draw what the slides of a campaign reach and how they look into its `figures/`.
+
+    Args:
+        results: of the campaign.
+        slides: how many to draw at several times, as for `report`.
+        again: whether to run these again, as for `report`.
+
+    Returns:
+        The figures.
+    """
+    labels, cut = sentences.labels(results), sentences.cut_off(results.summary)
+    figures = [*_hazards(results, labels, cut), *_slopes(results, slides, again, None)]
+    _write(results, figures)
+    return figures
+
+
+def _write(results: Results, figures: Iterable[Drawn]) -> None:
+    """Save figures in the folder of a campaign."""
     target = own_folder(results.store.folder / "figures")
     for written in (results.store.folder, target):
         remove_leftovers(written)
     for drawn in figures:
         plots.lay_out(drawn.figure)
         plots.save(drawn.figure, target / f"{drawn.name}.png")
-    write_aside(results.store.folder / "report.html", page(results, figures).encode())
-    return sentences.words(results)
 
 
-def _hazards(results: Results, maps: HazardMaps | None, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
+def _hazards(results: Results, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
     """Figures of how likely a slide does how much."""
-    summary, pf = results.summary, results.summary.probability
+    summary, pf, maps = results.summary, results.summary.probability, maps_of(results)
     # A curve of one step, as of slides that are all as deep as the ground, shows no more than P_f.
     exceedances = summary.consequences.exceedance.items()
     curves = {name: steps for name, steps in exceedances if len({*steps.probability[:-1]}) > 1}
@@ -181,15 +203,15 @@ def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | N
     grid, numbers = results.drawn(slides)
     soils: Mapping[tuple[str, int], runs.SampleSoil] = runs.read_drawn(store.folder, chosen)
     samples = {number: read_sample(store, grid, number) for number in numbers}
-    model = None
+    begun: Callable[[Scalar | None], runs.GridModel] | None = None
     if again or len(soils) < len(chosen):
         # The random soil of these samples is not stored, or they run again.
-        models = models_of(campaign_of(store, estimator))
+        campaign = campaign_of(store, estimator)
+        models, begun = models_of(campaign), cache(partial(model_of, campaign, grid))
         soils = {of: soils.get(of) or runs.soil_of(models[of[0]], samples[of[1]].coefficients) for of in chosen}
-        model = runs.build(models[grid].campaign, grid, models[grid].soil) if again else None
     for number in numbers[:slides]:
         sample, soil = samples[number], soils[grid, number]
-        shown = moments(model, sample) if model else stored_moments(sample, soil)
+        shown = moments(begun(sample.row.get(FAILED_AT)), sample) if again and begun else stored_moments(sample, soil)
         yield from drawn_slide(ground, grid, sample, soil, shown)
         if ground.dimension == 3 and shown.times:
             of, displacement = ground.grids[grid], np.stack(shown.displacement)

@@ -75,6 +75,15 @@ draw().catch(() => {
 """Draws the figures of a page by Plotly; browsers that cannot unpack it show those for browsers without scripts."""
 
 
+def any_interactive(parts: Iterable[Drawn]) -> bool:
+    """Whether some of the figures of a page are drawn by its script.
+
+    Args:
+        parts: the figures.
+    """
+    return installed() and any(part.interactive is not None for part in parts)
+
+
 def script() -> str:
     """Plotly's own script, packed, and what unpacks it and draws all figures before it on a page."""
     from plotly.offline import get_plotlyjs

@@ -38,7 +38,7 @@ def page(results: Results, figures: Sequence[Drawn]) -> str:
 
 def _parts(results: Results, figures: Sequence[Drawn]) -> Iterator[str]:
     summary, names = results.summary, {figure.name for figure in figures}
-    points = interactive.installed() and any(figure.interactive for figure in figures)
+    points = interactive.any_interactive(figures)
 
     def shown(*names: str) -> str:
         return interactive.figures(figure for figure in figures if figure.name.startswith(names))

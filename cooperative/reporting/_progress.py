@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -128,24 +128,23 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
         grids.append(GridProgress(SLIDES, int(slides.slid.sum()), slides.planned, may_grow, of_slides))
     # Before the screening is complete it is the share that fails on the rough grid.
     estimate = phases.estimate if rough.numbers else None
-    return Progress(campaign.name, *_controller(store), tuple(grids), estimate, mixed_versions(rows))
+    return Progress(campaign.name, *controller_of(store), tuple(grids), estimate, mixed_versions(rows))
 
 
-def watched(folder: str | Path, every: float, *, estimator: Estimator | None = None) -> Iterator[str]:
+def watched(look: Callable[[], Progress], every: float) -> Iterator[str]:
     """The progress in words, again and again `every` (s) after the last, until nobody runs the campaign any more.
 
     Args:
-        folder: as for `progress_of`.
+        look: gives it.
         every: seconds between two readings.
-        estimator: as for `progress_of`.
 
     Raises:
-        ValueError: a folder that is none, or for no time in between.
+        ValueError: for no time in between.
     """
     if not 0 < every < float("inf"):
         raise ValueError(f"--watch {every:g}: give the seconds between two looks, above 0")
     while True:
-        now = progress_of(folder, estimator=estimator)
+        now = look()
         yield words(now)
         if not now.running:
             return
@@ -224,10 +223,13 @@ def _pace(rows: Rows) -> float:
     return seconds_per_sample(sorted(rows.written.values()), rows.columns["seconds"].tolist())
 
 
-def _controller(store: Store) -> tuple[str, bool]:
-    """Who holds the folder, and whether that runs as far as can be seen.
+def controller_of(store: Store) -> tuple[str, bool]:
+    """Who holds a folder, and whether that runs as far as can be seen.
 
     The lock itself is left alone: taking it, even for a moment, could refuse a controller.
+
+    Args:
+        store: the campaign's folder.
     """
     try:
         holder = lock_holder(store.folder)

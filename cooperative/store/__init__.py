@@ -13,7 +13,7 @@ Only the controller writes to the database. Anyone may read it at any moment; do
 """
 
 from cooperative.names import GRIDS
-from cooperative.store._database import BUDGET, DATABASE, MEASURED, SCORES, SLIDES_END, SUMMARY
+from cooperative.store._database import BUDGET, DATABASE, IN_TIME, MEASURED, SCORES, SLIDES_END, SUMMARY
 from cooperative.store._opened import (
     contents_sum,
     lock_holder,
@@ -23,9 +23,21 @@ from cooperative.store._opened import (
     store_text,
     stored_source,
     stored_text,
+    stored_texts,
 )
 from cooperative.store._runs import fields_path, read_rows, read_sample, restart_path, write_sample
-from cooperative.store._samples import COARSE, MOVING, SLIDES, FinishedRun, Rows, RunRecord, Store, mixed_versions
+from cooperative.store._samples import (
+    COARSE,
+    FAILED_AT,
+    MOVING,
+    SLIDES,
+    SLIDES_IN_TIME,
+    FinishedRun,
+    Rows,
+    RunRecord,
+    Store,
+    mixed_versions,
+)
 from cooperative.store._source import SCRIPTS, Source, scene_digest, source_from, table_of, tables_of
 from jaxmpm.support.files import DamagedFile, own_folder, write_aside
 from jaxmpm.support.hdf5 import Scalar
@@ -34,13 +46,16 @@ __all__ = [
     "BUDGET",
     "COARSE",
     "DATABASE",
+    "FAILED_AT",
     "GRIDS",
+    "IN_TIME",
     "MEASURED",
     "MOVING",
     "SCORES",
     "SCRIPTS",
     "SLIDES",
     "SLIDES_END",
+    "SLIDES_IN_TIME",
     "SUMMARY",
     "DamagedFile",
     "FinishedRun",
@@ -65,6 +80,7 @@ __all__ = [
     "store_text",
     "stored_source",
     "stored_text",
+    "stored_texts",
     "table_of",
     "tables_of",
     "write_aside",

@@ -43,17 +43,21 @@ MENDED = "`jaxmpm resume` keeps what is whole and runs the rest again, or put ba
 Value = float | int | str | bytes | None
 Row = Mapping[str, Value]
 
-SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, SUMMARY = (
+SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, SUMMARY = (
     "scene",
     "beside",
     "measured",
     "budget",
     "slides_t_end",
     "scores",
+    "in_time",
     "summary",
 )
-TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, SUMMARY)
-"""Names of the texts of table `campaign`: the scene in TOML, and the others in JSON."""
+TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, SUMMARY)
+"""Names of the texts of table `campaign`: the scene in TOML, and the others in JSON.
+
+Samples that are asked in time have further ones: their factors by slices, and a text for each answer.
+"""
 
 CAMPAIGN = "CREATE TABLE campaign (name TEXT PRIMARY KEY, value TEXT NOT NULL, sha256 TEXT NOT NULL) WITHOUT ROWID"
 TYPES = {"REAL": float, "INTEGER": int, "BOOLEAN": int, "TEXT": str, "BLOB": bytes}
@@ -248,6 +252,12 @@ def read_value(path: Path, connection: sqlite3.Connection, name: str) -> str | N
     return str(row[0])
 
 
+def names_of_values(connection: sqlite3.Connection, beginning: str = "") -> list[str]:
+    """Names of the texts of table `campaign` that begin so."""
+    found = connection.execute("SELECT name FROM campaign WHERE substr(name, 1, ?) = ?", (len(beginning), beginning))
+    return [str(name) for (name,) in found]
+
+
 def write_value(connection: sqlite3.Connection, name: str, value: str) -> None:
     """Write a text of table `campaign` in place of the one of this name."""
     connection.execute("REPLACE INTO campaign VALUES (?, ?, ?)", (name, value, sum_of(name, value)))
@@ -312,8 +322,10 @@ def mend(path: Path, digest: str, problem: str) -> None:
     texts: dict[str, str] = {}
     rows: dict[tuple[Value, Value], Row] = {}
     with explained(path), closing(_connection(path, "ro")) as old:
-        columns = columns_of(old)
-        for name in TEXTS:
+        columns, names = columns_of(old), dict.fromkeys(TEXTS)
+        with suppress(sqlite3.DatabaseError, UnicodeDecodeError):
+            names |= dict.fromkeys(names_of_values(old))
+        for name in names:
             with suppress(DamagedFile, OSError):
                 if (text := read_value(path, old, name)) is not None:
                     texts[name] = text
@@ -328,8 +340,11 @@ def mend(path: Path, digest: str, problem: str) -> None:
         raise DamagedFile(f"{path} is damaged ({problem}): put back a copy, or give another folder")
     aside = files.copy_aside(path)
     create(path, texts, columns, rows.values())
+    whole = [name for name in TEXTS if name in texts]
+    if others := len(texts) - len(whole):
+        whole.append(f"{others} further texts")
     warnings.warn(
-        f"{path} is damaged ({problem}): copied to {aside.name}; {', '.join(texts)} and {len(rows)} runs are whole, "
+        f"{path} is damaged ({problem}): copied to {aside.name}; {', '.join(whole)} and {len(rows)} runs are whole, "
         "the others are run again",
         stacklevel=3,
     )

@@ -24,7 +24,7 @@ from cooperative.store import _database as sql
 from cooperative.store import _runs
 from cooperative.store._database import DATABASE
 from cooperative.store._runs import FIELDS, STORED, fields_path
-from cooperative.store._samples import Store, package_versions
+from cooperative.store._samples import SLIDES_IN_TIME, Store, package_versions
 from cooperative.store._source import MOST_TEXT, SCRIPTS, Source, differences, source_from, table_of
 from jaxmpm.support import files
 from jaxmpm.support.files import DamagedFile, set_aside, write_aside
@@ -138,15 +138,21 @@ def read_store(folder: str | Path) -> Store:
     """Open a campaign folder for reading, whether or not a controller holds it.
 
     Args:
-        folder: of the campaign.
+        folder: of the campaign, or that in whose `slides` the slides of samples are that were asked in time.
 
     Raises:
         ValueError: the folder holds no campaign.
     """
-    source = stored_source(Path(folder))
+    folder = Path(folder)
+    if not os.path.lexists(folder / DATABASE) and os.path.lexists(folder / SLIDES_IN_TIME / DATABASE):
+        folder = folder / SLIDES_IN_TIME
+    source = stored_source(folder)
     if source is None:
-        raise ValueError(f"folder {folder} holds no campaign: give the folder of one, of a sweep one in its campaigns/")
-    return Store(Path(folder), source)
+        raise ValueError(
+            f"folder {folder} holds no campaign: give the folder of one, of a sweep or of classes of storms one in its "
+            "campaigns/, of a chart its chart/"
+        )
+    return Store(folder, source)
 
 
 def stored_source(folder: Path) -> Source | None:
@@ -184,6 +190,23 @@ def stored_text(folder: Path, name: str) -> str | None:
         return None
     with closing(sql.connect(path)) as connection:
         return sql.read_value(path, connection, name)
+
+
+def stored_texts(store: Store, beginning: str) -> dict[str, str]:
+    """Texts that the database of a campaign holds, by name.
+
+    Args:
+        store: the campaign's folder.
+        beginning: of their names.
+
+    Raises:
+        DamagedFile: one does not match its checksum, or the database is damaged.
+        OSError: the system refuses.
+    """
+    with store.reading() as database:
+        names = sql.names_of_values(database, beginning)
+        texts = {name: sql.read_value(store.path, database, name) for name in names}
+    return {name: text for name, text in texts.items() if text is not None}
 
 
 def store_text(store: Store, name: str, text: str) -> None:

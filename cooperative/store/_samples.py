@@ -24,8 +24,10 @@ COARSE = "coarse"
 """A grid before the rough one, which a campaign may have: it chooses the samples of that one."""
 SLIDES = "slides"
 """Beside the grids: refined runs that went on from where they had failed to the end of their slide."""
-
-
+FAILED_AT = "failed_at"
+"""Column of slides of samples that were asked in time: the time of the first failure (s), at which each began."""
+SLIDES_IN_TIME = "slides"
+"""Folder with these slides, in that of their answers."""
 MOVING = "moving"
 """Restart points of slides that had not come to rest when they ended."""
 

@@ -1,6 +1,6 @@
 """A campaign in numbers, from its rows alone: probability, modes, consequences, cost."""
 
-from cooperative.summary._summarise import slides_of, summarise
+from cooperative.summary._summarise import slides_of, summarise, summarise_slides
 from cooperative.summary._values import (
     CampaignCost,
     Convergence,
@@ -41,4 +41,5 @@ __all__ = [
     "Summary",
     "slides_of",
     "summarise",
+    "summarise_slides",
 ]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from cooperative.estimate import Correlation, Phases, Slides, after_more_runs, correlation
+from cooperative.estimate import Correlation, Estimate, Phases, Slides, after_more_runs, correlation
 from cooperative.runs import name_of_rank, phases_of, warnings_of
 from cooperative.scene import Campaign
-from cooperative.store import Rows
+from cooperative.store import GRIDS, Rows, mixed_versions
 from cooperative.summary._notes import notes_of
-from cooperative.summary._slides import consequences_of, modes_of
+from cooperative.summary._slides import consequences_of, modes_of, out_of_range
 from cooperative.summary._values import (
     CampaignCost,
     Convergence,
@@ -55,18 +57,9 @@ def summarise(campaign: Campaign, rough: Rows, refined: Rows, phases: Phases | N
 
 
 def _probability(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows, slides: Slides) -> FailureProbability:
-    estimate, path, limit = phases.estimate, phases.path, campaign.run.failure_displacement
-    return FailureProbability(
-        value=estimate.probability,
-        interval=estimate.interval,
-        level=estimate.level,
-        estimator=estimate.method,
-        coefficient_of_variation=_finite(estimate.cov),
-        runs=estimate.refined_runs,
-        hidden_limit=estimate.hidden_limit,
-        sampling_interval=estimate.sampling_interval,
-        audit_variance=estimate.audit_variance,
-        freedom=_finite(estimate.freedom),
+    path, limit = phases.path, campaign.run.failure_displacement
+    return replace(
+        _alone(campaign, phases.estimate),
         others={other.method: OtherEstimate(other.probability, other.interval) for other in phases.beside},
         convergence=Convergence(
             refined_runs=tuple(step.refined_runs for step in path),
@@ -81,7 +74,29 @@ def _probability(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows,
             number: StandsFor(phases.answers[number], float(phases.weights[number]), float(slides.weight[at]))
             for at, number in enumerate(refined.numbers)
         },
-        failure_displacement=limit,
+    )
+
+
+def _alone(campaign: Campaign, estimate: Estimate) -> FailureProbability:
+    """An estimate without the runs that it rests on."""
+    return FailureProbability(
+        value=estimate.probability,
+        interval=estimate.interval,
+        level=estimate.level,
+        estimator=estimate.method,
+        coefficient_of_variation=_finite(estimate.cov),
+        runs=estimate.refined_runs,
+        hidden_limit=estimate.hidden_limit,
+        sampling_interval=estimate.sampling_interval,
+        audit_variance=estimate.audit_variance,
+        freedom=_finite(estimate.freedom),
+        others={},
+        convergence=Convergence((), (), (), ()),
+        failures_rough=0,
+        failures_refined=0,
+        grids=None,
+        stands_for={},
+        failure_displacement=campaign.run.failure_displacement,
         least_volume=campaign.failing_volume,
         limit_load=campaign.measured.limit_load,
         calibration=campaign.measured.calibration,
@@ -90,20 +105,84 @@ def _probability(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows,
 
 
 def _cost(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> CampaignCost:
-    tables = {"rough": rough, "refined": refined}
-    return CampaignCost(
-        samples=len(rough.numbers),
+    return replace(
+        _ran(campaign, {"rough": rough, "refined": refined}),
         planned_samples=phases.planned,
         coarse_samples=phases.coarse_samples,
         ranked_by=name_of_rank(campaign),
-        refined_runs=len(refined.numbers),
         refined_runs_allowed=campaign.raised,
+        finished=phases.why_finished,
+        after_more_runs=_after_more_runs(campaign, phases),
+    )
+
+
+def _ran(campaign: Campaign, tables: Mapping[str, Rows]) -> CampaignCost:
+    """What ran on each grid."""
+    samples, refined_runs = (len(tables[grid].numbers) for grid in GRIDS)
+    return CampaignCost(
+        samples=samples,
+        planned_samples=samples,
+        coarse_samples=None,
+        ranked_by=None,
+        refined_runs=refined_runs,
+        refined_runs_allowed=None,
         seconds={grid: float(np.sum(rows.columns["seconds"])) for grid, rows in tables.items()},
         status={grid: dict(Counter(rows.columns["status"].tolist())) for grid, rows in tables.items()},
         settle=bool(campaign.run.settle),
         broke_off={grid: _broken(rows) for grid, rows in tables.items()},
-        finished=phases.why_finished,
-        after_more_runs=_after_more_runs(campaign, phases),
+        finished=None,
+        after_more_runs=MoreRuns(0, None, None, None),
+    )
+
+
+def summarise_slides(
+    campaign: Campaign, estimate: Estimate, slid: Mapping[str, Rows], asked: Mapping[str, Sequence[bool]]
+) -> Summary:
+    """Slides of samples that were asked in time, each from its first failure, in numbers.
+
+    They are of the first of the samples that fail, whatever they do, so that each stands for as many failures.
+
+    Args:
+        campaign: whose samples these are.
+        estimate: of the probability of failure by the last time.
+        slid: rows of the slides of each grid; they ran on the finest that was asked.
+        asked: whether each sample that was asked on a grid fails.
+
+    Returns:
+        The numbers, with what each slide stands for where it ran on the refined grid.
+    """
+    rows = slid["refined"] if asked["refined"] else slid["rough"]
+    count = len(rows.numbers)
+    weight = np.full(count, estimate.probability / max(count, 1))
+    slides = Slides(np.ones(count, bool), np.ones(count, bool), weight, ())
+    samples, refined = len(asked["rough"]), len(asked["refined"])
+    consequences = consequences_of(campaign, estimate, rows, slides)
+    limits = [out_of_range(rows, slides.slid), mixed_versions(slid)]
+    if (cut := consequences.cut_off).at_t_end:
+        limits.append(
+            f"{cut.at_t_end} of {cut.of} slides had not come to rest when they ended at {cut.t_end:g} s, so their "
+            "consequences are least values. A later t_end in [run] of the scene, in another folder, lets them go on"
+        )
+    return Summary(
+        name=campaign.name,
+        probability=replace(
+            _alone(campaign, estimate),
+            failures_rough=sum(asked["rough"]),
+            failures_refined=sum(asked["refined"]),
+            stands_for={number: StandsFor(True, *2 * (float(weight[0]),)) for number in slid["refined"].numbers},
+        ),
+        modes=modes_of(estimate, rows, slides),
+        consequences=consequences,
+        cost=replace(
+            _ran(campaign, slid),
+            samples=samples,
+            planned_samples=samples,
+            refined_runs=refined,
+            finished="all samples have been asked in time",
+            after_more_runs=MoreRuns(0, None, samples - refined, None),
+        ),
+        warnings=tuple(warnings_of(campaign)),
+        notes=(*estimate.notes, *filter(None, limits)),
     )
 
 

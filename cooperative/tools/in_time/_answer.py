@@ -20,8 +20,9 @@ import numpy as np
 
 from cooperative import runs
 from cooperative.estimate import Bracket, Estimate, critical_factor, first_guess, in_time, record_lows
-from cooperative.scene import Campaign, check_samples, rested
-from cooperative.store import FinishedRun
+from cooperative.names import GRIDS
+from cooperative.scene import Campaign, check_samples, in_folder, rested
+from cooperative.store import SLIDES_IN_TIME, FinishedRun, open_store
 from cooperative.tools.in_time._kept import Kept
 from cooperative.tools.safety import critical_surface, sample_strength, slices_at_rest
 from cooperative.tools.seepage import in_hours
@@ -88,11 +89,13 @@ class WaterState:
         words: for its time, and for its load where there are several.
         campaign: whose water moves.
         time: s.
+        load: number of the load of a chart that moves it.
     """
 
     words: str
     campaign: Campaign
     time: float
+    load: int = 0
 
     @cached_property
     def resting(self) -> Campaign:
@@ -146,6 +149,23 @@ class StateRunner:
             self.stop.check()
 
 
+class NothingRuns(runs.Stop):
+    """A stop where all has been asked that there is, and nothing is to run.
+
+    folder: that has the answers.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+
+    def check(self) -> None:
+        """Raise ValueError, as something would have to run."""
+        raise ValueError(
+            f"not all samples of {self.folder} have run to their end yet: `jaxmpm resume {self.folder}` goes on"
+        )
+
+
 def probability_in_time(
     campaign: Campaign,
     folder: Path,
@@ -173,18 +193,26 @@ def probability_in_time(
         ValueError: no water moves in the scene, nothing is random, or the folder is of another scene.
     """
     audited = audited_samples(campaign, refined_runs)
+    with running(campaign, states_in_time(campaign), folder / SLIDES_IN_TIME, audited, workers) as runner:
+        return answered(runner, progress)
+
+
+def states_in_time(campaign: Campaign) -> list[WaterState]:
+    """States of the ground at the times of a campaign."""
     assert campaign.seepage is not None
-    times = campaign.seepage.times
-    states = [WaterState(in_hours(time), campaign, time) for time in times]
-    with running(campaign, states, folder, workers) as runner:
-        factors = screened(runner, progress)
-        lows = [record_lows(each) for each in factors]
-        rough, refined = first_failures(runner, factors, lows, audited, progress)
+    return [WaterState(in_hours(time), campaign, time) for time in campaign.seepage.times]
+
+
+def answered(runner: StateRunner, progress: Callable[[str], None]) -> InTime:
+    """The probability by each time, from what is kept and what runs."""
+    factors = screened(runner, progress)
+    lows = [record_lows(each) for each in factors]
+    rough, refined = first_failures(runner, factors, lows, progress)
     known = factors if np.isfinite(factors).all() else None
-    estimates = in_time(rough, refined if audited else None, known, len(times))
+    estimates = in_time(rough, refined if runner.kept.audited else None, known, len(runner.states))
     return InTime(
-        campaign, times, tuple(noted(estimates, rough, refined)), rough, refined, factors,
-        {grid: runner.kept.count(grid) for grid in ("rough", "refined")},
+        runner.campaign, tuple(state.time for state in runner.states), tuple(noted(estimates, rough, refined)), rough,
+        refined, factors, {grid: runner.kept.count(grid) for grid in GRIDS},
     )  # fmt: skip
 
 
@@ -207,18 +235,29 @@ def audited_samples(campaign: Campaign, refined_runs: int | None) -> int:
 
 
 @contextmanager
-def running(campaign: Campaign, states: Sequence[WaterState], folder: Path, workers: int) -> Iterator[StateRunner]:
-    """A runner whose answers the folder keeps, until the block ends."""
+def running(
+    campaign: Campaign, states: Sequence[WaterState], folder: Path, audited: int, workers: int, *, chart: bool = False
+) -> Iterator[StateRunner]:
+    """A runner whose answers the folder keeps, until the block ends.
+
+    Args:
+        campaign: whose samples are asked.
+        states: to ask them in.
+        folder: to keep answers in.
+        audited: samples to ask on the refined grid too.
+        workers: processes that run samples.
+        chart: whether the states are of loads of a chart.
+    """
+    _, source = in_folder(campaign, folder, None, None)
     pool = None if workers == 1 else runs.Workers(partial(runs.process_pool, workers), workers, ahead=workers)
-    with runs.stop_by_signals() as stop, closing(pool) if pool else nullcontext():
-        yield StateRunner(campaign, states, Kept.opened(folder, campaign, len(states)), pool, stop)
+    with runs.stop_by_signals() as stop, closing(pool) if pool else nullcontext(), open_store(folder, source) as store:
+        yield StateRunner(campaign, states, Kept.begun(store, audited, chart=chart), pool, stop)
 
 
 def first_failures(
     runner: StateRunner,
     factors: np.ndarray,
     chains: Sequence[Sequence[int]],
-    audited: int,
     progress: Callable[[str], None],
 ) -> tuple[np.ndarray, dict[int, int]]:
     """The state of its chain in which each sample fails first, on the rough grid and of some on the refined one.
@@ -227,7 +266,6 @@ def first_failures(
         runner: of the states.
         factors: of safety of each sample in each state (n, states).
         chains: of each sample, states in which its factor falls from one to the next.
-        audited: samples on the refined grid.
         progress: called with a line after each round.
 
     Returns:
@@ -247,7 +285,9 @@ def first_failures(
         len(chain) if first == count or first < 0 else chain.index(first)
         for chain, first in zip(chains, rough, strict=True)
     ]
-    return rough, dict(enumerate(_first(runner, "refined", range(audited), chains, guesses, progress).tolist()))
+    return rough, dict(
+        enumerate(_first(runner, "refined", range(runner.kept.audited), chains, guesses, progress).tolist())
+    )
 
 
 def noted(estimates: Sequence[Estimate], rough: np.ndarray, refined: Mapping[int, int]) -> Iterator[Estimate]:
@@ -279,12 +319,10 @@ def _first(
                 brackets[number] = brackets[number].told(at, answer)  # type: ignore[arg-type]
         if not asked:
             break
+        runner.stop.check()
         for at, some in sorted(asked.items()):
-            try:
-                for number, failed in runner.ask(grid, at, some):
-                    runner.kept.tell(grid, number, at, failed)
-            finally:
-                runner.kept.write()
+            for number, failed in runner.ask(grid, at, some):
+                runner.kept.tell(grid, number, at, failed)
             left = sum(not each.known for each in brackets.values())
             progress(
                 f"{grid} grid: {len(some)} samples at {runner.states[at].words}, {left} of {len(numbers)} under way"
@@ -306,6 +344,7 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
     samples, count = runner.campaign.plan.samples, len(runner.states)
     if (known := runner.kept.factors) is not None:
         return known
+    runner.stop.check()
     factors = np.full((samples, count), math.nan)
     for state in runner.states:
         _ = state.campaign.flow  # water that cannot flow is no matter of slices
@@ -315,10 +354,10 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
         critical = [critical_surface(sections[at]) for at in chosen]
     except ValueError as error:
         progress(f"no screening by slices: {error}; every state may be that of a first failure")
-        return factors
+        return runner.kept.screen(factors)
     surfaces = [each.slip.points for each in critical] + [each.circle.points for each in critical if each.circle]
     model = runs.build(runner.states[0].resting, "rough", runner.soil, at_rest=False)
-    loads = {id(state.campaign): state.campaign for state in runner.states}
+    loads = {state.load: state.campaign for state in runner.states}
     flows = [
         runs.own_flows(load, runner.soil, runner.coefficients) if load.conductivities else repeat(None)
         for load in loads.values()
@@ -328,8 +367,7 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
         if any(flow is not None for flow in own):
             flow_of = dict(zip(loads, own, strict=True))
             sections = [
-                slices_at_rest(rested(state.campaign, state.time, flow_of[id(state.campaign)]))
-                for state in runner.states
+                slices_at_rest(rested(state.campaign, state.time, flow_of[state.load])) for state in runner.states
             ]
         for at, section in enumerate(sections):
             slices = replace(section, strength=strength)
@@ -338,7 +376,5 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
             ]
             factors[number, at] = min((slip.factor for slip in slips if slip is not None), default=math.nan)
         runner.stop.check()
-    runner.kept.factors = factors
-    runner.kept.write()
     progress(f"slices: {samples} samples in {count} states of the water on {len(surfaces)} surfaces")
-    return factors
+    return runner.kept.screen(factors)

@@ -14,8 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from cooperative.estimate import Estimate, fails_under, falling_chain, on_chart
+from cooperative.names import GRIDS
 from cooperative.scene import Campaign, Drawdown, Rain
-from cooperative.tools.in_time._answer import WaterState, audited_samples, first_failures, noted, running, screened
+from cooperative.tools.in_time._answer import (
+    StateRunner,
+    WaterState,
+    audited_samples,
+    first_failures,
+    noted,
+    running,
+    screened,
+)
 from cooperative.tools.seepage import MM_PER_HOUR, in_hours
 from jaxmpm.support.text import printable
 
@@ -24,7 +33,8 @@ CHANCES = (0.1, 0.5, 0.9)
 FALLS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Shares of its fall at which a drawdown is asked: slopes are often weakest before the pool is gone."""
 M_PER_DAY = 86400.0
-FOLDER = "chart"
+CHART = "chart"
+"""Folder of the answers of a chart."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +58,15 @@ class Load:
             return f"{M_PER_DAY * self.rate:.3g} m/day"
         return f"{MM_PER_HOUR * self.rate:.3g} mm/h for {in_hours(self.duration)}"
 
-    @property
-    def states(self) -> list[WaterState]:
-        """In which samples are asked under it, one for each of its times."""
+    def states(self, number: int) -> list[WaterState]:
+        """In which samples are asked under it, one for each of its times.
+
+        Args:
+            number: of the load in its chart.
+        """
         table = self.campaign.seepage
         assert table is not None
-        return [WaterState(f"{in_hours(time)} of {self.words}", self.campaign, time) for time in table.times]
+        return [WaterState(f"{in_hours(time)} of {self.words}", self.campaign, time, number) for time in table.times]
 
 
 @dataclass(frozen=True)
@@ -216,24 +229,29 @@ def probability_chart(
         ValueError: no chart, nothing random, no factor of safety by slices, or a folder of another scene.
     """
     audited = audited_samples(campaign, refined_runs)
-    rows = loads_of(campaign)
+    states = states_on_chart(loads_of(campaign))
+    with running(campaign, states, folder / CHART, audited, workers, chart=True) as runner:
+        return answered_chart(runner, progress)
+
+
+def states_on_chart(rows: Sequence[Sequence[Load]]) -> list[WaterState]:
+    """States of the ground under the loads of a chart, those of one load beside each other, as many of each."""
     loads = [load for row in rows for load in row]
-    states = [state for load in loads for state in load.states]
-    with running(campaign, states, folder / FOLDER, workers) as runner:
-        factors = screened(runner, progress)
-        if not np.isfinite(factors).all():
-            raise ValueError(
-                "a chart orders its loads by factors of safety by slices, which not all of its samples have: give a "
-                "section with cohesion and friction, or ask for each load by --probability"
-            )
-        # Those of one load stand beside each other, as many of each.
-        each = factors.reshape(len(factors), len(loads), -1)
-        worst = each.argmin(axis=2) + each.shape[2] * np.arange(len(loads))
-        least = each.min(axis=2)
-        chains = [own[falling_chain(factor)].tolist() for own, factor in zip(worst, least, strict=True)]
-        rough, refined = first_failures(runner, factors, chains, audited, progress)
-        counts = {grid: runner.kept.count(grid) for grid in ("rough", "refined")}
+    return [state for number, load in enumerate(loads) for state in load.states(number)]
+
+
+def answered_chart(runner: StateRunner, progress: Callable[[str], None]) -> Chart:
+    """The probability under each load, from what is kept and what runs."""
+    campaign, rows = runner.campaign, loads_of(runner.campaign)
     shape = len(rows), len(rows[0])
+    factors = screened(runner, progress)
+    if not np.isfinite(factors).all():
+        raise ValueError(
+            "a chart orders its loads by factors of safety by slices, which not all of its samples have: give a "
+            "section with cohesion and friction, or ask for each load by --probability"
+        )
+    worst, least, chains = chains_on_chart(factors, shape[0] * shape[1])
+    rough, refined = first_failures(runner, factors, chains, progress)
 
     def under(first: int, number: int) -> np.ndarray:
         return fails_under(first, chains[number], worst[number]).reshape(shape)
@@ -246,8 +264,25 @@ def probability_chart(
         campaign, tuple(row[0].rate for row in rows),
         tuple(load.duration for load in rows[0]) if campaign.drawdown is None else None,
         tuple(tuple(estimates[at * shape[1] : (at + 1) * shape[1]]) for at in range(shape[0])),
-        fails, fine, least, counts,
+        fails, fine, least, {grid: runner.kept.count(grid) for grid in GRIDS},
     )  # fmt: skip
+
+
+def chains_on_chart(factors: np.ndarray, loads: int) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:
+    """The states in which samples are asked under the loads of a chart.
+
+    Args:
+        factors: of safety of each sample in each state (n, states).
+        loads: their number.
+
+    Returns:
+        Number of the state with the lowest factor under each load (n, loads), these factors, and the former of each
+        sample from the safest on.
+    """
+    each = factors.reshape(len(factors), loads, -1)
+    worst = each.argmin(axis=2) + each.shape[2] * np.arange(loads)
+    least = each.min(axis=2)
+    return worst, least, [own[falling_chain(factor)].tolist() for own, factor in zip(worst, least, strict=True)]
 
 
 def chart_lines(result: Chart) -> Iterator[str]:

@@ -11,23 +11,32 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from cooperative.estimate import annual
+from cooperative.folder import Results, read_results
 from cooperative.measure import SEVERITY
+from cooperative.names import DRAWN_SLIDES
 from cooperative.reporting import (
+    HOW,
     Cell,
     Drawn,
+    any_interactive,
+    appearance,
     document,
+    draw_slides,
     figures,
     heading,
     headline,
     limits,
     panels,
     paragraph,
+    risks,
     save,
+    script,
     table,
     units_of,
 )
+from cooperative.store import FAILED_AT, SLIDES_IN_TIME
 from cooperative.tools.in_time._answer import InTime
-from cooperative.tools.in_time._slides import FAILED_AT, SlidesInTime
+from cooperative.tools.in_time._slides import SlidesInTime
 from cooperative.tools.seepage import HOUR, csv_text, draw_load, in_hours, write_texts
 from jaxmpm.support.text import literal, printable
 
@@ -35,16 +44,26 @@ COLOURS = dict(zip((*SEVERITY, "none"), ("#D55E00", "#CC79A7", "#0072B2", "#009E
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
 
 
-def write_in_time(result: InTime, folder: Path, slides: SlidesInTime | None = None) -> list[Path]:
+def write_in_time(
+    result: InTime,
+    folder: Path,
+    slides: SlidesInTime | None = None,
+    *,
+    drawn: int = DRAWN_SLIDES,
+    again: bool = False,
+) -> list[Path]:
     """Write what a scene's samples do in time.
 
     `probability.png` and `.csv`, `failures.png` and `.csv` with how many fail first at each time, `first_failures.csv`
-    with when each sample does, `slides.csv` with each slide, `report.html` and `probability.json`.
+    with when each sample does, `slides.csv` with each slide, `report.html` and `probability.json`; in `slides/figures`
+    what slides reach and how they look.
 
     Args:
         result: of `probability_in_time`.
-        folder: to write to.
+        folder: that it kept its answers in, to write to.
         slides: of `slides_in_time`, None without.
+        drawn: slides drawn at several times.
+        again: whether to run these again and draw more moments.
 
     Returns:
         Paths of the files.
@@ -54,6 +73,8 @@ def write_in_time(result: InTime, folder: Path, slides: SlidesInTime | None = No
     """
     folder.mkdir(parents=True, exist_ok=True)
     pictures = _drawn(result, slides)
+    slid = read_results(folder / SLIDES_IN_TIME) if slides is not None and slides.at.size else None
+    of_slides = [] if slid is None else draw_slides(slid, slides=drawn, again=again)
     paths = [folder / f"{picture.name}.png" for picture in pictures]
     for picture, path in zip(pictures, paths, strict=True):
         save(picture.figure, path)
@@ -63,7 +84,9 @@ def write_in_time(result: InTime, folder: Path, slides: SlidesInTime | None = No
     }  # fmt: skip
     if slides is not None:
         texts["slides.csv"] = _slides(result, slides)
-    texts["report.html"] = document(result.campaign.name, _page(result, slides, pictures))
+    texts["report.html"] = document(
+        result.campaign.name, [*_page(result, slides, pictures), *_what_slides_do(slid, result.times[-1], of_slides)]
+    )
     return [*paths, *write_texts(folder, texts)]
 
 
@@ -84,8 +107,9 @@ def _probability(result: InTime) -> Figure:
     hours = np.array(result.times) / HOUR
     low, high = np.array([each.interval for each in result.estimates]).T
     axes[0].fill_between(hours, low, high, color="#D55E00", alpha=0.25, lw=0, label="95 % interval at each time")
-    axes[0].plot(hours, [each.probability for each in result.estimates], "o-", color="#D55E00", label="P_f")
-    axes[0].set(ylabel="probability that it has failed", ylim=(0, None))
+    chances = [each.probability for each in result.estimates]
+    axes[0].plot(hours, chances, "o-", color="#D55E00", label="probability $P_f$", clip_on=False)
+    axes[0].set(ylabel="probability of having failed", ylim=(0, None))
     axes[0].set_title(literal(result.campaign.name), loc="left")
     axes[0].legend(frameon=False, fontsize="small")
     draw_load(axes, result.campaign)
@@ -220,7 +244,10 @@ def _page(result: InTime, slides: SlidesInTime | None, pictures: list[Drawn]) ->
         [in_hours(time), float(f"{each.probability:.4g}"), limits(each.interval), *_of_time(result, slides, at)]
         for at, (time, each) in enumerate(zip(result.times, result.estimates, strict=True))
     ]
-    yield table(["time", "P_f", "95 %", *_heads(result, slides)], rows)
+    heads = ["time", "P_f", "95 %", *_heads(result, slides)]
+    # A mode that no slide has needs no column.
+    shown = [at for at, head in enumerate(heads) if head not in SEVERITY or any(row[at] for row in rows)]
+    yield table([heads[at] for at in shown], [[row[at] for at in shown] for row in rows])
     if slides is not None:
         ended = int((np.asarray(slides.columns["broke_off"], float) == 1).sum()) if slides.at.size else 0
         lost = f" {ended} of them broke off, and have no run-out." if ended else ""
@@ -229,6 +256,28 @@ def _page(result: InTime, slides: SlidesInTime | None, pictures: list[Drawn]) ->
             f"from rest under the pressure of the time at which they fail first.{lost}"
         )
     yield figures(pictures)
+
+
+def _what_slides_do(slid: Results | None, last: float, pictures: list[Drawn]) -> Iterator[str]:
+    """What the slides reach and how they look, by the last time (s)."""
+    if slid is None:
+        return
+    summary = slid.summary
+    yield heading("What the slides do")
+    yield paragraph(
+        f"Each slide stands for as many of all failures by {in_hours(last)}: probabilities here are those by that time."
+    )
+    if any_interactive(pictures):
+        yield paragraph(HOW)
+    for note in (*summary.warnings, *summary.notes):
+        yield paragraph(note, "note")
+    yield from appearance(slid)
+    if summary.consequences.risk is not None:
+        yield heading("Elements at risk")
+        yield from risks(summary, summary.consequences.risk)
+    yield figures(pictures)
+    if any_interactive(pictures):
+        yield script()
 
 
 def _json(result: InTime, slides: SlidesInTime | None) -> str:

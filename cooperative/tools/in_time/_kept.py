@@ -10,64 +10,76 @@ from typing import ClassVar
 
 import numpy as np
 
-from cooperative.scene import Campaign, read
-from cooperative.store import write_aside
-from jaxmpm.support.files import read_plain
+from cooperative.store import GRIDS, IN_TIME, Store, read_rows, store_text, stored_text, stored_texts
 
-NAME = "answers.json"
-MOST_BYTES = 2**26
+ANSWER = "answer"
+"""Beginning of the names of answers in the database: "answer rough 12 3" is of sample 12 in state 3 of the water."""
+FACTORS = "factors"
 SYMBOLS = {True: "fails", False: "stands", None: "broke off"}
 MEANINGS = {word: answer for answer, word in SYMBOLS.items()}
 
 
 @dataclass
 class Kept:
-    """What has been asked of samples, by grid, sample and state of the water.
+    """What has been asked of samples, by grid, sample and state of the water. Each answer is stored as it comes.
 
     Args:
-        path: of the file.
-        digest: of the scene.
-        answers: "grid sample state" -> whether it fails, None where the run broke off.
+        store: that has it.
+        audited: samples that are asked on the refined grid too.
+        chart: whether the states are of loads of a chart.
+        answers: by grid, sample and state, whether it fails, None where the run broke off.
         factors: of safety of each sample in each state, None before they are known.
     """
 
     UNKNOWN: ClassVar[object] = object()
-    path: Path
-    digest: str
+    store: Store
+    audited: int
+    chart: bool = False
     answers: dict[tuple[str, int, int], bool | None] = field(default_factory=dict)
     factors: np.ndarray | None = None
 
     @classmethod
-    def opened(cls, folder: Path, campaign: Campaign, states: int) -> Kept:
-        """The answers of a folder, which is made if it is not there.
+    def begun(cls, store: Store, audited: int, *, chart: bool) -> Kept:
+        """The answers of a folder that is open to write, to go on with.
 
         Args:
-            folder: of the answers.
-            campaign: whose they are.
-            states: of the water in which samples are asked.
+            store: the folder.
+            audited: samples to ask on the refined grid too.
+            chart: whether the states are of loads of a chart.
 
         Raises:
-            ValueError: the folder has answers of another scene, or a file that holds none.
+            ValueError: the folder holds a campaign, or answers to something else.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        kept = cls(folder / NAME, read(campaign).source.digest)
-        if not kept.path.exists():
-            return kept
-        try:
-            content = json.loads(read_plain(kept.path, MOST_BYTES))
-            digest = content["scene"]
-            answers = {
-                (str(grid), int(sample), int(at)): MEANINGS[word] for grid, sample, at, word in content["answers"]
-            }
-            given = content["factors"]
-            factors = None if given is None else np.array(given, float)
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{kept.path} holds no answers ({error}): remove it, and samples run again") from error
-        shape = (campaign.plan.samples, states)
-        if digest != kept.digest or (factors is not None and factors.shape != shape):
-            raise ValueError(f"{kept.path} is of another scene: give another folder")
-        kept.answers, kept.factors = answers, factors
-        return kept
+        kept = cls.read(store)
+        if (kept is None and any(read_rows(store, grid).numbers for grid in GRIDS)) or (kept and kept.chart != chart):
+            raise ValueError(f"folder {store.folder} holds something else than these answers: give another folder")
+        store_text(store, IN_TIME, json.dumps({"audited": audited, "chart": chart}))
+        return cls(store, audited, chart, *((kept.answers, kept.factors) if kept else ()))
+
+    @classmethod
+    def read(cls, store: Store) -> Kept | None:
+        """The answers of a folder, None where no samples were asked in time.
+
+        Args:
+            store: the folder.
+
+        Raises:
+            DamagedFile: an answer is not what was written.
+        """
+        about = stored_text(store.folder, IN_TIME)
+        if about is None:
+            return None
+        answers = {}
+        for name, word in stored_texts(store, ANSWER).items():
+            _, grid, sample, at = name.split()
+            answers[grid, int(sample), int(at)] = MEANINGS[word]
+        factors = stored_text(store.folder, FACTORS)
+        return cls(store, **json.loads(about), answers=answers, factors=None if factors is None else _array(factors))
+
+    @property
+    def written_to(self) -> Path:
+        """The folder of what comes of the answers, in which that of the store is."""
+        return self.store.folder.parent if self.store.folder.name else self.store.folder.resolve().parent
 
     def answer(self, grid: str, sample: int, at: int) -> object:
         """Whether a sample fails in a state, None where its run broke off, UNKNOWN where it has not run."""
@@ -75,7 +87,16 @@ class Kept:
 
     def tell(self, grid: str, sample: int, at: int, failed: bool | None) -> None:
         """Keep an answer."""
-        self.answers[grid, sample, at] = None if failed is None else bool(failed)
+        failed = None if failed is None else bool(failed)
+        store_text(self.store, f"{ANSWER} {grid} {sample} {at}", SYMBOLS[failed])
+        self.answers[grid, sample, at] = failed
+
+    def screen(self, factors: np.ndarray) -> np.ndarray:
+        """Keep the factors of safety (samples, states), nan where there is none, and give them as they are kept."""
+        text = json.dumps(np.where(np.isfinite(factors), factors, None).tolist())
+        store_text(self.store, FACTORS, text)
+        self.factors = _array(text)
+        return self.factors
 
     def of(self, grid: str, samples: Container[int]) -> list[tuple[int, int, bool | None]]:
         """Answers of some samples on a grid: sample, state, whether it fails."""
@@ -85,11 +106,6 @@ class Kept:
         """Runs on a grid."""
         return sum(of == grid for of, _, _ in self.answers)
 
-    def write(self) -> None:
-        """Write the file, whole."""
-        content = {
-            "scene": self.digest,
-            "answers": [[*key, SYMBOLS[failed]] for key, failed in sorted(self.answers.items())],
-            "factors": None if self.factors is None else np.round(self.factors, 6).tolist(),
-        }
-        write_aside(self.path, (json.dumps(content) + "\n").encode())
+
+def _array(text: str) -> np.ndarray:
+    return np.array(json.loads(text), float)

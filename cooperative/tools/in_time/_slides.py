@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from cooperative import runs
+from cooperative.folder import Results, models_of, write_results
 from cooperative.measure import SEVERITY
-from cooperative.scene import read
-from cooperative.store import Rows, open_store, read_rows, write_sample
-from cooperative.tools.in_time._answer import InTime, WaterState, running
+from cooperative.names import GRIDS
+from cooperative.store import FAILED_AT, SLIDES_IN_TIME, Rows, Store, read_rows, write_sample
+from cooperative.summary import summarise_slides
+from cooperative.tools.in_time._answer import InTime, running, states_in_time
 from cooperative.tools.seepage import in_hours
-
-SLIDES = "slides"
-"""Folder of the database with a row for each slide."""
-FAILED_AT = "failed_at"
-"""Its column with the time of the first failure (s)."""
 
 
 @dataclass(frozen=True)
@@ -68,14 +66,11 @@ def slides_in_time(
     Raises:
         ValueError: the folder is of another scene, or another process runs its slides.
     """
-    campaign, grid = result.campaign, result.grid
-    chosen = dict(sorted(result.first.items())[: campaign.plan.slides])
-    states = [WaterState(in_hours(time), campaign, time) for time in result.times]
-    with (
-        running(campaign, states, folder, workers if chosen else 1) as runner,
-        open_store(folder / SLIDES, read(campaign).source) as store,
-    ):
-        there = set(read_rows(store, grid).numbers)
+    campaign, grid, chosen = result.campaign, result.grid, to_slide(result)
+    states, workers = states_in_time(campaign), workers if chosen else 1
+    with running(campaign, states, folder / SLIDES_IN_TIME, len(result.refined), workers) as runner:
+        store = runner.kept.store
+        there = set(rows_of_slides(store, chosen)[grid].numbers)
         for at, time in enumerate(result.times):
             left = [number for number, first in chosen.items() if first == at and number not in there]
             for sample in runner.run(grid, at, left, None) if left else ():
@@ -83,11 +78,39 @@ def slides_in_time(
                 runner.stop.check()
             if left:
                 progress(f"{grid} grid: {len(left)} slides from {in_hours(time)}")
-        rows = read_rows(store, grid)
-    return _of_rows(rows, chosen, grid)
+        rows = rows_of_slides(store, chosen)
+        if rows[grid].numbers:
+            summarised(store, result, rows)
+    return slides_of_rows(rows[grid], chosen, grid)
 
 
-def _of_rows(rows: Rows, chosen: dict[int, int], grid: str) -> SlidesInTime:
-    here = np.isin(rows.numbers, list(chosen)) if rows.numbers else np.zeros(0, bool)
-    columns = {name: values[here] for name, values in rows.columns.items()}
-    return SlidesInTime(grid, np.array([chosen[int(number)] for number in columns["sample"]], int), columns)
+def to_slide(result: InTime) -> dict[int, int]:
+    """The samples that are to slide, and the number of the time at which each fails first."""
+    return dict(sorted(result.first.items())[: result.campaign.plan.slides])
+
+
+def rows_of_slides(store: Store, chosen: Container[int]) -> dict[str, Rows]:
+    """The rows of both grids of samples that are to slide."""
+    tables = {grid: read_rows(store, grid) for grid in GRIDS}
+    here = {grid: np.array([number in chosen for number in rows.numbers], bool) for grid, rows in tables.items()}
+    return {
+        grid: replace(rows, columns={name: values[here[grid]] for name, values in rows.columns.items()})
+        for grid, rows in tables.items()
+    }
+
+
+def summarised(store: Store, result: InTime, rows: Mapping[str, Rows]) -> None:
+    """Keep what the slides are in numbers, and what draws them, as a campaign does."""
+    models, last = models_of(result.campaign), len(result.times)
+    runs.keep_ground(store.folder, models)
+    asked = {
+        "rough": [0 <= first < last for first in result.rough.tolist()],
+        "refined": [0 <= first < last for first in result.refined.values()],
+    }
+    summary = summarise_slides(result.campaign, result.estimates[-1], rows, asked)
+    write_results(Results(store, runs.ground_of(models), rows["rough"], rows["refined"], summary), models)
+
+
+def slides_of_rows(rows: Rows, chosen: Mapping[int, int], grid: str) -> SlidesInTime:
+    """The slides of a table."""
+    return SlidesInTime(grid, np.array([chosen[number] for number in rows.numbers], int), rows.columns)

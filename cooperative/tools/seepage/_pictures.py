@@ -96,6 +96,8 @@ def _pressures(result: Wetted) -> Figure:
             figure.colorbar(drawn, ax=ax)
     for ax in axes[-1 - saturated :]:
         ax.set_xlabel("x [m]")
+    if lines := dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True)):
+        figure.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=len(lines), frameon=False)
     return figure
 
 
@@ -107,22 +109,27 @@ def _field(ax: Axes, result: Wetted, values: np.ndarray, **look: Any) -> QuadMes
 
 
 def _outline(ax: Axes, result: Wetted, moment: Moment, pressure: np.ndarray) -> None:
-    """The line of no pressure, the pool and the slip surface."""
-    cells = result.cells
+    """The ground, the line of no pressure, the pool and the slip surface, in their section."""
+    cells, shape = result.cells, result.campaign.site.shape
+    along = np.linspace(cells.corner[0], cells.corner[0] + cells.shape[0] * cells.spacing[0], 401)
+    across = [np.full(401, cells.corner[1] + cells.shape[1] * cells.spacing[1] / 2)] * (len(cells.shape) == 3)
+    ax.plot(along, shape.heights(along, *across), color="0.4", lw=0.8, label="ground")
     x, z = (cells.corner[k] + cells.spacing[k] * (np.arange(cells.shape[k]) + 0.5) for k in (0, len(cells.shape) - 1))
     if np.nanmin(pressure) < 0 < np.nanmax(pressure):
         ax.contour(x, z, pressure.T, levels=[0.0], colors="k", linewidths=1.0)
+    ax.plot([], [], color="k", lw=1.0, label="no pore pressure")
     if moment.level is not None:
-        ax.axhline(moment.level, color="#1f77b4", lw=1.0, ls="--")
+        ax.axhline(moment.level, color="#1f77b4", lw=1.0, ls="--", label="level of the pool")
     if moment.safety is not None and moment.safety.equilibrium is not None:
-        ax.plot(*moment.safety.equilibrium.slip.points.T, color="#D55E00", lw=1.2)
+        ax.plot(*moment.safety.equilibrium.slip.points.T, color="#D55E00", lw=1.2, label="slip of the least factor")
 
 
 def _factors(result: Wetted) -> Figure:
     """Factor of safety against time, above the rain or the level."""
     figure, axes = panels(2, 1, size=(7.0, 2.8))
     known = [each for each in result.moments if each.factor is not None]
-    axes[0].plot([each.time / HOUR for each in known], [each.factor or np.nan for each in known], "o-", color="#D55E00")
+    hours, factors = zip(*((each.time / HOUR, each.factor) for each in known), strict=True)
+    axes[0].plot(hours, factors, "o-", color="#D55E00", clip_on=False)
     axes[0].axhline(1.0, color="0.5", lw=0.8, ls=":")
     axes[0].set(ylabel="factor of safety by slices")
     axes[0].set_title(literal(result.campaign.name), loc="left")

@@ -47,8 +47,7 @@ def asked(monkeypatch):
     record = []
 
     def screened(runner, progress):
-        runner.kept.factors = true_factors(runner.states, runner.campaign.plan.samples)
-        return runner.kept.factors
+        return runner.kept.screen(true_factors(runner.states, runner.campaign.plan.samples))
 
     def ask(runner, grid, at, numbers):
         for number in numbers:
@@ -68,21 +67,21 @@ def test_storms_rain_at_one_rate_and_are_asked_at_their_end_and_after_it():
             table = load.campaign.rain
             np.testing.assert_allclose(table.rate, [(0, rate / 3.6e6), (hours * 3600, 0)])
             assert table.times == (hours * 3600, hours * 3600 + 3 * 3600)
-            assert [state.time for state in load.states] == list(table.times)
+            assert [state.time for state in load.states(0)] == list(table.times)
 
 
 def test_drawdowns_fall_from_the_first_level_to_the_lowest():
     rows = _chart.loads_of(made(FALLS))
     for (load,), days in zip(rows, (40, 4, 0.4), strict=True):
         np.testing.assert_allclose(load.campaign.drawdown.level, [(0, 7), (days * 86400, 3)])
-        assert load.duration == pytest.approx(days * 86400) == load.states[-1].time
+        assert load.duration == pytest.approx(days * 86400) == load.states(0)[-1].time
 
 
 @pytest.mark.parametrize("moving", [STORMS, FALLS], ids=["storms", "drawdowns"])
 def test_a_chart_has_the_answers_of_all_runs_by_a_few_of_them(asked, moving, tmp_path):
     campaign = made(moving)
     result = probability_chart(campaign, tmp_path, refined_runs=20)
-    states = [state for row in _chart.loads_of(campaign) for load in row for state in load.states]
+    states = _chart.states_on_chart(_chart.loads_of(campaign))
     shape = result.probability.shape
     least = true_factors(states, 40).reshape(40, *shape, -1).min(axis=-1)
     np.testing.assert_array_equal(result.rough, least < 1.03)

@@ -2,6 +2,11 @@
 
 import csv
 import json
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -10,21 +15,27 @@ from scipy.spatial import cKDTree
 
 import cooperative.tools.in_time as in_time_tool
 import cooperative.tools.seepage as seepage_tool
-from cooperative import _commands, runs
+from cooperative import _commands, run, runs
+from cooperative.__main__ import main
 from cooperative._arguments import parser
-from cooperative.scene import Rain, parse, rested
+from cooperative.scene import Hazard, Rain, parse, rested
 from cooperative.store import FinishedRun, read_rows
+from cooperative.store._database import mend
 from cooperative.tools.in_time import (
     Annual,
     _answer,
     annual_in_time,
+    kept_in,
     lines,
     lines_of_year,
     probability_in_time,
+    progress_in_time,
+    read_in_time,
     slides_in_time,
     write_in_time,
 )
 from cooperative.tools.safety import critical_surface, slices_at_rest
+from tests import ROOT
 from tests.cooperative.scene.test_moving_water import LEVEL, scene
 
 HOURS = (0.0, 3600.0, 7200.0, 10800.0)
@@ -58,9 +69,10 @@ def screened(monkeypatch):
     """Factors of slices, which take seconds."""
 
     def factors(runner, progress):
+        if runner.kept.factors is not None:
+            return runner.kept.factors
         strength = np.random.default_rng(1).normal(1.2, 0.1, (runner.campaign.plan.samples, 1))
-        runner.kept.factors = strength - np.array([0.0, 0.05, 0.1, 0.08])
-        return runner.kept.factors
+        return runner.kept.screen(strength - np.array([0.0, 0.05, 0.1, 0.08]))
 
     monkeypatch.setattr(_answer, "screened", factors)
 
@@ -109,11 +121,11 @@ def test_first_failures_are_those_of_all_runs_at_all_times(asked, tmp_path):
     assert f"{chances[2]:6.3f}" in "\n".join(lines(result))
 
 
-def slide(number: int) -> FinishedRun:
+def slide(number: int, coefficients) -> FinishedRun:
     """What a slide of a sample is said to do; of every fifth one it broke off."""
     row = {"displacement": 2.0 + number, "broke_off": number % 5 == 0}
     row |= {} if row["broke_off"] else {"runout": 3.0 + number, "volume": 10.0, "mode": ("deep", "shallow")[number % 2]}
-    return FinishedRun(number, "SETTLED", 9, 0.1, np.zeros(3), row)
+    return FinishedRun(number, "SETTLED", 9, 0.1, coefficients, row)
 
 
 @pytest.mark.usefixtures("screened", "asked")
@@ -127,7 +139,7 @@ def test_samples_that_fail_slide_to_their_end_and_are_kept(tmp_path, monkeypatch
             if len(began) == killed[0]:
                 raise KeyboardInterrupt
             began.append((grid, at, number))
-            yield slide(number)
+            yield slide(number, runner.coefficients[number])
 
     monkeypatch.setattr(_answer.StateRunner, "run", run)
     campaign = rising()
@@ -145,7 +157,7 @@ def test_samples_that_fail_slide_to_their_end_and_are_kept(tmp_path, monkeypatch
     again = slides_in_time(result, tmp_path)
     assert len(began) == before
     np.testing.assert_array_equal(again.column("runout"), slides.column("runout"))
-    with pytest.raises(ValueError, match="of another scene"):
+    with pytest.raises(ValueError, match="to another scene"):
         slides_in_time(replace(result, campaign=rising(31)), tmp_path)
     few = replace(campaign, plan=replace(campaign.plan, slides=3))
     assert slides_in_time(replace(result, campaign=few), tmp_path / "few").at.size == 3
@@ -226,13 +238,122 @@ def test_the_rough_grid_alone_is_plain_monte_carlo(asked, tmp_path):
 
 
 @pytest.mark.usefixtures("asked", "screened")
-def test_a_folder_of_another_scene_and_damage_are_refused(tmp_path):
-    probability_in_time(rising(12), tmp_path, refined_runs=0)
-    with pytest.raises(ValueError, match="of another scene"):
+def test_a_folder_of_something_else_and_damage_are_refused(tmp_path):
+    campaign = rising(12)
+    probability_in_time(campaign, tmp_path, refined_runs=0)
+    with pytest.raises(ValueError, match="to another scene"):
         probability_in_time(rising(13), tmp_path, refined_runs=0)
-    (tmp_path / "answers.json").write_text('{"scene": "x", "answers": [["rough", 0, 0, "perhaps"]], "factors": null}')
-    with pytest.raises(ValueError, match="holds no answers"):
-        probability_in_time(rising(12), tmp_path, refined_runs=0)
+    with pytest.raises(ValueError, match="asked in time: `jaxmpm resume"):
+        run(campaign, tmp_path / "slides")
+    with closing(sqlite3.connect(tmp_path / "slides" / "campaign.db", isolation_level=None)) as database:
+        database.execute("UPDATE campaign SET value = 'perhaps' WHERE name LIKE 'answer rough 3 %'")
+    with pytest.raises(ValueError, match=r"answer rough 3 . than was written"):
+        probability_in_time(campaign, tmp_path, refined_runs=0)
+
+
+@pytest.mark.usefixtures("asked", "screened")
+def test_a_damaged_database_keeps_the_answers_that_are_whole(tmp_path):
+    probability_in_time(rising(12), tmp_path, refined_runs=0)
+    path = tmp_path / "slides" / "campaign.db"
+    before = kept_in(tmp_path)
+    with pytest.warns(UserWarning, match=r"in_time, \d+ further texts and 0 runs are whole"):
+        mend(path, before.store.digest, "made up")
+    after = kept_in(tmp_path)
+    assert after.answers == before.answers
+    np.testing.assert_array_equal(after.factors, before.factors)
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from cooperative.tools.in_time import _answer, probability_in_time
+from tests.cooperative.tools.test_in_time import rising
+
+def screened(runner, progress):
+    return runner.kept.screen(_answer.np.linspace(1.1, 1.3, 12)[:, None] - _answer.np.array([0.0, 0.05, 0.1, 0.08]))
+
+def ask(runner, grid, at, numbers):
+    for number in numbers:
+        if len(runner.kept.answers) == 7:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield number, bool(runner.kept.factors[number, at] < 1.16)
+
+_answer.screened, _answer.StateRunner.ask = screened, ask
+probability_in_time(rising(12), Path(sys.argv[1]), refined_runs=0)
+"""
+
+
+def test_a_kill_loses_no_answer(asked, screened, tmp_path):
+    """Each is stored as it comes: a process killed within a round leaves all that had been computed, and goes on."""
+    killed = subprocess.run([sys.executable, "-c", KILLED, tmp_path], cwd=ROOT, capture_output=True, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
+    kept = kept_in(tmp_path)
+    assert len(kept.answers) == 7
+    now = progress_in_time(tmp_path)
+    assert (now.grids[0].planned, now.running, now.estimate) == (12, False, None)
+    assert now.grids[0].done <= 7
+    with pytest.raises(ValueError, match="have run to their end yet: `jaxmpm resume"):
+        read_in_time(tmp_path)
+    probability_in_time(rising(12), tmp_path, refined_runs=0)
+    assert not {("rough", at, number) for _, number, at in kept.answers} & set(asked)
+    assert progress_in_time(tmp_path).grids[0].done == 12
+
+
+@pytest.mark.usefixtures("asked", "screened")
+def test_a_folder_is_read_again_without_a_run(tmp_path, monkeypatch, capsys):
+    """status, report, export and resume of the folder and of its `slides` give what the first call gave."""
+    campaign = replace(rising(), hazard=Hazard())
+    xarray = pytest.importorskip("xarray")
+    columns = runs.build(campaign, "refined", runs.random_soil(campaign), at_rest=False).columns
+    reached = np.zeros(columns.shape)
+    reached[columns.shape[0] // 2 :] = 1.0
+
+    def run(runner, grid, at, numbers, stop_at):
+        """Soil of every third slide lies on the second half of the ground."""
+        for number in numbers:
+            fields = dict.fromkeys((*runs.COLUMNS, runs.GROUND), reached * (number % 3 == 0))
+            row = {"displacement": 2.0, "broke_off": False, "area_columns": 0.0, "runout": 1.0 + number, "depth": 2.0}
+            yield FinishedRun(number, "SETTLED", 9, 0.1, runner.coefficients[number], row, fields)
+
+    monkeypatch.setattr(_answer.StateRunner, "run", run)
+    result = probability_in_time(campaign, tmp_path, refined_runs=20)
+    share = np.mean([number % 3 == 0 for number in result.first])
+    with pytest.raises(ValueError, match="have run to their end yet"):
+        read_in_time(tmp_path)
+    slides = slides_in_time(result, tmp_path)
+    write_in_time(result, tmp_path, slides)
+    first = (tmp_path / "report.html").read_text()
+
+    for name in ("ask", "run"):
+        monkeypatch.delattr(_answer.StateRunner, name)
+    folders = (str(tmp_path), str(tmp_path / "slides"))
+    for folder in folders:
+        again, slid = read_in_time(folder)
+        np.testing.assert_array_equal(again.rough, result.rough)
+        assert again.refined == result.refined
+        assert again.estimates == result.estimates
+        assert again.runs == result.runs
+        np.testing.assert_array_equal(slid.columns["sample"], slides.columns["sample"])
+        assert main(["status", folder]) == 0
+        assert f"{slides.at.size} of {slides.at.size} samples" in capsys.readouterr().out
+        assert main(["export", folder, "--as", "table", "maps", "netcdf"]) == 0
+        with xarray.open_dataset(tmp_path / "slides" / "campaign.nc", engine="h5netcdf") as data:
+            assert data.attrs["probability_of_failure"] == result.estimates[-1].probability
+            there = reached[columns.ground] > 0
+            np.testing.assert_allclose(data["map_reached"], there * share * result.estimates[-1].probability)
+        with (tmp_path / "slides" / "table.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert [int(row["sample"]) for row in rows] == sorted(result.first)
+        # Each slide stands for as many failures.
+        assert sum(float(row["weight"]) for row in rows) == pytest.approx(result.estimates[-1].probability)
+        for option in (["--verify"], ["--slides-t-end", "9"], ["--dask", "x"]):
+            assert main(["resume", folder, *option]) == 2
+            assert f"{option[0]} is of a campaign" in capsys.readouterr().err
+    for command in (["report", folders[0]], ["resume", folders[1], "--workers", "1"]):
+        (tmp_path / "report.html").unlink()
+        assert main(command) == 0
+        assert (tmp_path / "report.html").read_text() == first
+        assert f"{result.estimates[-1].probability:6.3f}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
