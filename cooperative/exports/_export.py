@@ -113,7 +113,7 @@ def _check_maps(ground: StoredGround, maps: HazardMaps | None, named: Sequence[s
     if ground.hazard is None:
         raise ValueError("the campaign has no hazard maps to export: give [hazard] in the scene of another")
     if maps is None:
-        raise ValueError("the campaign has no hazard maps to export yet: no run has slid to its end")
+        raise ValueError("the campaign has no hazard maps to export yet: no refined run has slid to its end")
     if (wrong := [kind for kind in named if kind in IN_PLAN]) and ground.dimension != 3:
         raise ValueError(
             f"a section has no map in plan to export as {wrong[0]}: give maps, whose hazard.csv is along x"

@@ -24,7 +24,7 @@ from cooperative.names import GRIDS
 from cooperative.scene import Campaign, check_samples, in_folder, rested
 from cooperative.store import SLIDES_IN_TIME, FinishedRun, open_store
 from cooperative.tools.in_time._kept import Kept
-from cooperative.tools.safety import critical_surface, sample_strength, slices_at_rest
+from cooperative.tools.safety import Method, Slices, critical_surface, sample_strength, slices_at_rest
 from cooperative.tools.seepage import in_hours
 
 FEWEST = 20
@@ -339,6 +339,12 @@ def _first(
     )
 
 
+def _least(slices: Slices, surfaces: Sequence[tuple[np.ndarray, Method]]) -> float:
+    """Lowest factor of safety on these surfaces, nan where none has one."""
+    slips = [slices.slip(points, method) for points, method in surfaces]
+    return min((slip.factor for slip in slips if slip is not None), default=math.nan)
+
+
 def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray:
     """Factor of safety of each sample in each state, on critical surfaces of the mean soil; nan where it has none."""
     samples, count = runner.campaign.plan.samples, len(runner.states)
@@ -355,7 +361,8 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
     except ValueError as error:
         progress(f"no screening by slices: {error}; every state may be that of a first failure")
         return runner.kept.screen(factors)
-    surfaces = [each.slip.points for each in critical] + [each.circle.points for each in critical if each.circle]
+    surfaces = [(each.slip.points, each.slip.method) for each in critical]
+    surfaces += [(each.circle.points, each.slip.method) for each in critical if each.circle]
     model = runs.build(runner.states[0].resting, "rough", runner.soil, at_rest=False)
     loads = {state.load: state.campaign for state in runner.states}
     flows = [
@@ -369,12 +376,11 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
             sections = [
                 slices_at_rest(rested(state.campaign, state.time, flow_of[state.load])) for state in runner.states
             ]
-        for at, section in enumerate(sections):
-            slices = replace(section, strength=strength)
-            slips = [
-                slices.slip(points, each.slip.method) for points, each in zip(surfaces, critical * 2, strict=False)
-            ]
-            factors[number, at] = min((slip.factor for slip in slips if slip is not None), default=math.nan)
+        slices = [replace(section, strength=strength) for section in sections]
+        factors[number] = [_least(each, surfaces) for each in slices]
+        if not np.isfinite(factors[number]).all():
+            # One method for all states, whose order is asked: Janbu's has an answer where rigorous ones have none.
+            factors[number] = [_least(each, [(points, "janbu") for points, _ in surfaces]) for each in slices]
         runner.stop.check()
     progress(f"slices: {samples} samples in {count} states of the water on {len(surfaces)} surfaces")
     return runner.kept.screen(factors)

@@ -60,12 +60,15 @@ def _of_storms(result: Chart) -> Figure:
         ends = np.nan_to_num(low, nan=edges[1][0]), np.nan_to_num(high, nan=edges[1][-1])
         there, at = np.isfinite(line), hours * 1.04 ** (number - 1)
         ax.vlines(at[there], ends[0][there], ends[1][there], color=colour, lw=1.2)
-        ax.plot(at, line, "o-", ms=4, color=colour, label=f"P_f = {chance:.0%}, 95 % interval")
+        label = f"$P_f$ = {chance:.0%}, 95 % interval" if there.any() else None
+        ax.plot(at, line, "o-", ms=4, color=colour, label=label)
     ax.set(xlabel="duration of the rain [h]", ylabel="intensity [mm/h]")
     _logarithmic(ax, x=hours, y=rates)
     ax.set_title(literal(result.campaign.name), loc="left")
-    figure.colorbar(drawn, ax=ax, label="P_f", boundaries=np.linspace(0, 1, 101), ticks=[0, 0.25, 0.5, 0.75, 1])
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, frameon=False, fontsize="small")
+    label = "$P_f$; in each box with its 95 % interval"
+    figure.colorbar(drawn, ax=ax, label=label, boundaries=np.linspace(0, 1, 101), ticks=[0, 0.25, 0.5, 0.75, 1])
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, frameon=False, fontsize="small")
     return figure
 
 
@@ -84,12 +87,12 @@ def _of_drawdowns(result: Chart) -> Figure:
     rates = M_PER_DAY * np.array(result.rates)
     low, high = result.interval[..., 0]
     ax.fill_between(rates, low, high, color="#0072B2", alpha=0.25, lw=0, label="95 % interval at each rate")
-    ax.plot(rates, result.probability[:, 0], "o-", color="#0072B2", label="P_f")
+    ax.plot(rates, result.probability[:, 0], "o-", color="#0072B2", label="$P_f$", clip_on=False)
     for chance, colour in zip(CHANCES, COLOURS, strict=True):
         rate = M_PER_DAY * float(_line(result, chance)[0][0])
         if np.isfinite(rate):
             ax.plot([rate, rate], [0, chance], ":", color=colour, label=f"{chance:.0%} at {rate:.3g} m/day")
-    ax.set(xlabel="fall of the level [m/day]", ylabel="P_f", ylim=(0, None))
+    ax.set(xlabel="fall of the level [m/day]", ylabel="probability of failure $P_f$", ylim=(0, None))
     _logarithmic(ax, x=rates)
     ax.set_title(literal(result.campaign.name), loc="left")
     ax.legend(frameon=False, fontsize="small")

@@ -37,7 +37,7 @@ from cooperative.reporting import (
 from cooperative.store import FAILED_AT, SLIDES_IN_TIME
 from cooperative.tools.in_time._answer import InTime
 from cooperative.tools.in_time._slides import SlidesInTime
-from cooperative.tools.seepage import HOUR, csv_text, draw_load, in_hours, write_texts
+from cooperative.tools.seepage import clock, csv_text, draw_load, in_hours, write_texts
 from jaxmpm.support.text import literal, printable
 
 COLOURS = dict(zip((*SEVERITY, "none"), ("#D55E00", "#CC79A7", "#0072B2", "#009E73", "#777777"), strict=True))
@@ -104,11 +104,12 @@ def _drawn(result: InTime, slides: SlidesInTime | None) -> list[Drawn]:
 def _probability(result: InTime) -> Figure:
     """P_f with its interval above the rain or the level."""
     figure, axes = panels(2, 1, size=(7.0, 2.9))
-    hours = np.array(result.times) / HOUR
+    unit, _ = clock(result.times[-1])
+    times = np.array(result.times) / unit
     low, high = np.array([each.interval for each in result.estimates]).T
-    axes[0].fill_between(hours, low, high, color="#D55E00", alpha=0.25, lw=0, label="95 % interval at each time")
+    axes[0].fill_between(times, low, high, color="#D55E00", alpha=0.25, lw=0, label="95 % interval at each time")
     chances = [each.probability for each in result.estimates]
-    axes[0].plot(hours, chances, "o-", color="#D55E00", label="probability $P_f$", clip_on=False)
+    axes[0].plot(times, chances, "o-", color="#D55E00", label="probability $P_f$", clip_on=False)
     axes[0].set(ylabel="probability of having failed", ylim=(0, None))
     axes[0].set_title(literal(result.campaign.name), loc="left")
     axes[0].legend(frameon=False, fontsize="small")
@@ -120,13 +121,14 @@ def _when_they_fail(result: InTime, slides: SlidesInTime | None) -> Figure:
     """Counts of first failures by failure mode, run-out of the slides, and the rain or the level."""
     slid = slides is not None and slides.at.size > 0
     figure, axes = panels(3 if slid else 2, 1, size=(7.0, 2.3))
-    hours = np.array(result.times) / HOUR
-    width = min(0.35 * np.diff(hours).min(), 0.05 * np.ptp(hours)) if hours.size > 1 else 1.0
+    unit, _ = clock(result.times[-1])
+    times = np.array(result.times) / unit
+    width = min(0.35 * np.diff(times).min(), 0.05 * np.ptp(times)) if times.size > 1 else 1.0
     bars = {"rough": (result.rough.size, "#999999"), "refined": (len(result.refined), "#0072B2")}
     shown = [grid for grid, (samples, _) in bars.items() if samples]
     for number, grid in enumerate(shown):
         samples, colour = bars[grid]
-        place, label = hours + (number - (len(shown) - 1) / 2) * width, f"{grid} grid, of {samples} samples"
+        place, label = times + (number - (len(shown) - 1) / 2) * width, f"{grid} grid, of {samples} samples"
         axes[0].bar(place, result.counts(grid), width, color=colour, label=label)
     most = max(int(result.counts(grid).max()) for grid in shown)
     axes[0].set(ylabel="samples that fail first", ylim=(0, 1.4 * max(most, 1)))  # room for the legend
@@ -139,7 +141,7 @@ def _when_they_fail(result: InTime, slides: SlidesInTime | None) -> Figure:
             here = (mode == name) | ((name == "none") & ~np.isin(mode, list(COLOURS)))
             if here.any():
                 axes[1].plot(
-                    hours[slides.at[here]], slides.column("runout")[here], "o", color=colour, alpha=0.7,
+                    times[slides.at[here]], slides.column("runout")[here], "o", color=colour, alpha=0.7,
                     label=name if name in SEVERITY else "slides",
                 )  # fmt: skip
         axes[1].set(ylabel="run-out [m]", ylim=(min(0.0, np.nanmin(slides.column("runout"), initial=0.0)), None))
@@ -147,7 +149,7 @@ def _when_they_fail(result: InTime, slides: SlidesInTime | None) -> Figure:
     draw_load([axes[0], axes[-1]], result.campaign)
     margin = width * 1.2
     for ax in axes:
-        ax.set(xlim=(-margin, hours[-1] + margin))
+        ax.set(xlim=(-margin, times[-1] + margin))
     return figure
 
 

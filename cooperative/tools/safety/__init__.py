@@ -4,7 +4,7 @@ from cooperative.tools.safety._factor import Safety, factor_of_safety, of_own_fl
 from cooperative.tools.safety._pictures import draw_safety, write_safety
 from cooperative.tools.safety._rank import RANKS, rank_by_slices
 from cooperative.tools.safety._search import Critical, critical_surface
-from cooperative.tools.safety._slices import Circle, Conditions, Slices, Slip, zones
+from cooperative.tools.safety._slices import Circle, Conditions, Method, Slices, Slip, zones
 from cooperative.tools.safety._words import lines_of_equilibrium, lines_of_solver, progress_line
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "Circle",
     "Conditions",
     "Critical",
+    "Method",
     "Safety",
     "Slices",
     "Slip",

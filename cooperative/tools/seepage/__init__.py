@@ -1,6 +1,6 @@
 """Water that moves in the ground of a scene: pressure at its times, factor of safety against time."""
 
-from cooperative.tools.seepage._answer import HOUR, Moment, Wetted, in_hours, lines, wetted
+from cooperative.tools.seepage._answer import HOUR, Moment, Wetted, clock, in_hours, lines, wetted
 from cooperative.tools.seepage._pictures import MM_PER_HOUR, csv_text, draw_load, write_texts, write_wetted
 
 __all__ = [
@@ -8,6 +8,7 @@ __all__ = [
     "MM_PER_HOUR",
     "Moment",
     "Wetted",
+    "clock",
     "csv_text",
     "draw_load",
     "in_hours",

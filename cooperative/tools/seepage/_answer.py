@@ -15,6 +15,10 @@ from jaxmpm.seepage import Cells
 from jaxmpm.support.text import printable
 
 HOUR, DAY = 3600.0, 86400.0
+DAYS = 3 * DAY
+"""Time (s) from which on it is given in days."""
+ROUNDING = 1e-3
+"""Share of the rain that is none."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,12 @@ def _rate(rate: tuple[tuple[float, float], ...] | None, time: float) -> float:
 
 def in_hours(time: float) -> str:
     """A time (s) in words."""
-    return f"{time / DAY:g} d" if time >= 3 * DAY else f"{time / HOUR:g} h"
+    return f"{time / DAY:g} d" if time >= DAYS else f"{time / HOUR:g} h"
+
+
+def clock(end: float) -> tuple[float, str]:
+    """The unit of an axis of time up to an end (s): its length (s) and its name."""
+    return (DAY, "d") if end >= DAYS else (HOUR, "h")
 
 
 def lines(result: Wetted) -> Iterator[str]:
@@ -149,7 +158,8 @@ def lines(result: Wetted) -> Iterator[str]:
             f"{flow.balance:.1g} of what has moved"
         )
         if flow.rained:
-            yield f"  rain      {flow.rained:.3g} {unit} fell, {flow.entered:.3g} {unit} soaked in, the rest ran off"
+            left = "the rest ran off" if flow.rained - flow.entered > ROUNDING * flow.rained else "none ran off"
+            yield f"  rain      {flow.rained:.3g} {unit} fell, {flow.entered:.3g} {unit} soaked in, {left}"
     else:
         yield f"  pressure  of another program, at {len(flow.times)} times"
     for moment in result.moments:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from cooperative.reporting import panels, save
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
-from cooperative.tools.seepage._answer import HOUR, Moment, Wetted, in_hours
+from cooperative.tools.seepage._answer import Moment, Wetted, clock, in_hours
 from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.support.text import literal
 
@@ -70,6 +70,12 @@ def _middle(result: Wetted, values: np.ndarray) -> np.ndarray:
     return values[:, values.shape[1] // 2] if values.ndim == 3 else values
 
 
+def _across(result: Wetted) -> float:
+    """Where along y that section is in a solid (m)."""
+    cells = result.cells
+    return float(cells.corner[1] + (cells.shape[1] // 2 + 0.5) * cells.spacing[1])
+
+
 def _pressures(result: Wetted) -> Figure:
     """Pressure and, where it is known, saturation at the times."""
     count = len(result.moments)
@@ -94,8 +100,9 @@ def _pressures(result: Wetted) -> Figure:
             factor = "" if moment.factor is None else f", factor of safety {moment.factor:.3f}"
             ax.set_title(f"effective saturation{factor}", loc="left")
             figure.colorbar(drawn, ax=ax)
+    where = f", at y = {_across(result):g} m" if len(cells.shape) == 3 else ""
     for ax in axes[-1 - saturated :]:
-        ax.set_xlabel("x [m]")
+        ax.set_xlabel(f"x [m]{where}")
     if lines := dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True)):
         figure.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=len(lines), frameon=False)
     return figure
@@ -112,7 +119,7 @@ def _outline(ax: Axes, result: Wetted, moment: Moment, pressure: np.ndarray) -> 
     """The ground, the line of no pressure, the pool and the slip surface, in their section."""
     cells, shape = result.cells, result.campaign.site.shape
     along = np.linspace(cells.corner[0], cells.corner[0] + cells.shape[0] * cells.spacing[0], 401)
-    across = [np.full(401, cells.corner[1] + cells.shape[1] * cells.spacing[1] / 2)] * (len(cells.shape) == 3)
+    across = [np.full(401, _across(result))] * (len(cells.shape) == 3)
     ax.plot(along, shape.heights(along, *across), color="0.4", lw=0.8, label="ground")
     x, z = (cells.corner[k] + cells.spacing[k] * (np.arange(cells.shape[k]) + 0.5) for k in (0, len(cells.shape) - 1))
     if np.nanmin(pressure) < 0 < np.nanmax(pressure):
@@ -128,8 +135,9 @@ def _factors(result: Wetted) -> Figure:
     """Factor of safety against time, above the rain or the level."""
     figure, axes = panels(2, 1, size=(7.0, 2.8))
     known = [each for each in result.moments if each.factor is not None]
-    hours, factors = zip(*((each.time / HOUR, each.factor) for each in known), strict=True)
-    axes[0].plot(hours, factors, "o-", color="#D55E00", clip_on=False)
+    unit, _ = clock(result.moments[-1].time)
+    times, factors = zip(*((each.time / unit, each.factor) for each in known), strict=True)
+    axes[0].plot(times, factors, "o-", color="#D55E00", clip_on=False)
     axes[0].axhline(1.0, color="0.5", lw=0.8, ls=":")
     axes[0].set(ylabel="factor of safety by slices")
     axes[0].set_title(literal(result.campaign.name), loc="left")
@@ -147,17 +155,18 @@ def draw_load(axes: Sequence[Axes], campaign: Campaign) -> None:
     table = campaign.seepage
     assert table is not None
     end = table.times[-1]
+    unit, name = clock(end)
     if table.rate is not None:
         times, rates = np.array([*table.rate, (max(end, table.rate[-1][0]), table.rate[-1][1])]).T
-        axes[1].step(times / HOUR, rates * MM_PER_HOUR, where="post", color="#0072B2")
-        axes[1].set(ylabel="rain [mm/h]")
+        axes[1].step(times / unit, rates * MM_PER_HOUR, where="post", color="#0072B2")
+        axes[1].set(ylabel="rain [mm/h]", ylim=(min(0.0, 1.1 * rates.min() * MM_PER_HOUR), None))
     elif table.level is not None:
         times = np.linspace(0, end, 200)
-        axes[1].plot(times / HOUR, np.interp(times, *np.array(table.level).T), color="#0072B2")
+        axes[1].plot(times / unit, np.interp(times, *np.array(table.level).T), color="#0072B2")
         axes[1].set(ylabel="level [m]")
-    axes[1].set(xlabel="time [h]")
+    axes[1].set(xlabel=f"time [{name}]")
     for ax in axes:
-        ax.set(xlim=(0, end / HOUR))
+        ax.set(xlim=(0, end / unit))
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

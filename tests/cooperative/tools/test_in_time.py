@@ -7,7 +7,8 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -372,6 +373,38 @@ def test_what_has_no_answer_in_time_is_refused(change, words, tmp_path):
 def test_fewer_refined_samples_than_an_estimate_takes_are_refused(tmp_path):
     with pytest.raises(ValueError, match="give 10 or more"):
         probability_in_time(rising(), tmp_path, refined_runs=5)
+
+
+@dataclass(frozen=True)
+class MadeUp:
+    """Slices at rest at a time, which Spencer's method cannot solve late for weak samples."""
+
+    time: float
+    strength: float = 1.0
+
+    def slip(self, points, method):
+        if method == "spencer" and self.time > 0 and self.strength < 1:
+            return None
+        return SimpleNamespace(factor=self.strength - self.time / 36000 + 0.1 * (method == "janbu"))
+
+
+def test_one_method_orders_the_states_of_a_sample(asked, monkeypatch, tmp_path):
+    """Where a rigorous method has no answer in a state, Janbu's gives the factors of all states."""
+    surface = SimpleNamespace(slip=SimpleNamespace(points=None, method="spencer"), circle=None)
+    for name, value in {
+        "critical_surface": lambda section: surface,
+        "rested": lambda campaign, time: SimpleNamespace(time=time),
+        "slices_at_rest": lambda resting: MadeUp(resting.time),
+        "sample_strength": lambda model, coefficients: float(coefficients[0] > 0) + 0.5,
+    }.items():
+        monkeypatch.setattr(_answer, name, value)
+    monkeypatch.setattr(runs, "build", lambda *_, **__: None)
+    campaign = rising(12)
+    factors = probability_in_time(campaign, tmp_path, refined_runs=0).factors
+    weak = runs.coefficients_of(campaign, runs.random_soil(campaign))[:, 0] <= 0
+    assert 0 < weak.sum() < 12
+    expected = np.where(weak, 0.6, 1.5)[:, None] - np.array(HOURS) / 36000
+    np.testing.assert_allclose(factors, expected)
 
 
 @pytest.mark.slow  # two searches for a critical surface
