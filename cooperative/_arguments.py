@@ -173,6 +173,8 @@ def _add_scene_options(added: dict[str, argparse.ArgumentParser]) -> None:
     moving = added["seepage"]
     moving.add_argument("--sample", type=int, help="a sample's soil instead of the median, for the factor of safety")
     moving.add_argument("--flow", action="store_true", help="the flow alone, without factors of safety")
+    moving.add_argument("--animate", type=Path, metavar="FILE", help="MP4 or GIF of pressure and saturation")
+    moving.add_argument("--frames", type=int, default=40, help="pictures of the animation (%(default)s)")
     moving.add_argument(
         "--probability",
         action="store_true",

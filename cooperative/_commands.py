@@ -309,17 +309,27 @@ def fos(args: argparse.Namespace) -> None:
 
 def seepage(args: argparse.Namespace) -> None:
     """Answer `jaxmpm seepage`."""
+    import numpy as np
+
     from cooperative import runs
+    from cooperative.one_run import animation_path
     from cooperative.tools import in_time
-    from cooperative.tools.seepage import lines, wetted, write_wetted
+    from cooperative.tools.seepage import lines, wetted, write_animation, write_wetted
     from jaxmpm.support.files import not_linked
 
     storms = _storms(args)
     campaign, folder = next(iter(storms.values())), args.out
     folder = folder or not_linked(args.scene.with_name(f"{args.scene.stem}-seepage"))
     in_time.check_classes(storms)
+    animation = None if args.animate is None else animation_path(folder, args.animate)
+    if args.frames < 2:
+        raise ValueError(f"--frames {args.frames}: give 2 or more")
     result = wetted(campaign, factors=not args.flow, sample=args.sample)
     print(*map(printable, lines(result)), *write_wetted(result, folder), sep="\n", flush=True)
+    if animation is not None:
+        times = np.linspace(0.0, result.moments[-1].time, args.frames).tolist()
+        moving = wetted(result.campaign, factors=False, sample=args.sample, times=times)
+        print(write_animation(moving, animation), flush=True)
     budget = _budget(args)
     with runs.stop_by_signals(ends_process=True):
         if args.probability and len(storms) == 1:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from jaxmpm import Scene, State, solve_each, write_vtkhdf
 from jaxmpm.laws import declared
 from jaxmpm.run import Midway
 from jaxmpm.support import check
+
+if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation  # loads what only animations need
 
 CERTAIN = 1e-6
 """Coefficient of variation of what is certain."""
@@ -196,7 +199,7 @@ def animation_path(folder: Path, given: Path | None = None) -> Path:
     """The file that an animation is written to.
 
     Args:
-        folder: of the run's files.
+        folder: of the other files.
         given: name of an MP4 or a GIF; None for slide.mp4 in the folder where ffmpeg is there, else slide.gif.
 
     Raises:
@@ -239,14 +242,30 @@ def write_slide(run: Slide, folder: Path, *, animation: Path | None = None, vtk:
     yield save(jaxmpm.plot.state(run.scene, end), folder / "slide.png")
     yield save(profile(run), folder / "profile.png")
     moving = jaxmpm.plot.animate(run.scene, run.states, times=run.times, interval=MILLISECONDS)
-    try:
-        moving.save(animation, writer=WRITERS[animation.suffix], dpi=DOTS)
-    except CalledProcessError as error:
-        raise OSError(errno.EIO, f"{animation}: ffmpeg ends with status {error.returncode}, give a GIF") from error
-    yield animation
+    yield save_animation(moving, animation)
     if vtk:
         write_vtkhdf(folder / "slide.vtkhdf", run.scene, run.states, run.times)
         yield folder / "slide.vtkhdf"
+
+
+def save_animation(moving: FuncAnimation, path: Path) -> Path:
+    """Write an animation.
+
+    Args:
+        moving: of matplotlib.
+        path: of the file, as of `animation_path`.
+
+    Returns:
+        The path.
+
+    Raises:
+        OSError: the disk refuses, or ffmpeg does.
+    """
+    try:
+        moving.save(path, writer=WRITERS[path.suffix], dpi=DOTS)
+    except CalledProcessError as error:
+        raise OSError(errno.EIO, f"{path}: ffmpeg ends with status {error.returncode}, give a GIF") from error
+    return path
 
 
 def profile(run: Slide) -> Any:

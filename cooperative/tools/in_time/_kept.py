@@ -93,7 +93,7 @@ class Kept:
 
     def screen(self, factors: np.ndarray) -> np.ndarray:
         """Keep the factors of safety (samples, states), nan where there is none, and give them as they are kept."""
-        text = json.dumps(np.where(np.isfinite(factors), factors, None).tolist())
+        text = json.dumps([[each if np.isfinite(each) else None for each in row] for row in factors.tolist()])
         store_text(self.store, FACTORS, text)
         self.factors = _array(text)
         return self.factors

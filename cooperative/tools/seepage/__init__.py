@@ -1,7 +1,14 @@
 """Water that moves in the ground of a scene: pressure at its times, factor of safety against time."""
 
 from cooperative.tools.seepage._answer import HOUR, Moment, Wetted, clock, in_hours, lines, wetted
-from cooperative.tools.seepage._pictures import MM_PER_HOUR, csv_text, draw_load, write_texts, write_wetted
+from cooperative.tools.seepage._pictures import (
+    MM_PER_HOUR,
+    csv_text,
+    draw_load,
+    write_animation,
+    write_texts,
+    write_wetted,
+)
 
 __all__ = [
     "HOUR",
@@ -14,6 +21,7 @@ __all__ = [
     "in_hours",
     "lines",
     "wetted",
+    "write_animation",
     "write_texts",
     "write_wetted",
 ]

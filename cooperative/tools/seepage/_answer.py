@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,6 +69,7 @@ def wetted(
     *,
     factors: bool = True,
     sample: int | None = None,
+    times: Sequence[float] | None = None,
     announce: Callable[[Moment], None] | None = None,
 ) -> Wetted:
     """The ground of a campaign at the times of its rain or drawdown.
@@ -77,6 +78,7 @@ def wetted(
         campaign: the campaign.
         factors: whether the factor of safety is worked out at each, which takes seconds.
         sample: whose soil it is, None for median soil.
+        times: other ones than those of its table (s), none after the last of these.
         announce: called with each moment.
 
     Returns:
@@ -99,7 +101,7 @@ def wetted(
     layer = campaign.site.layer_of(position, campaign.grids["refined"])
     number = np.zeros(position.shape[1], int) if layer is None else layer
     moments = []
-    for time in table.times:
+    for time in table.times if times is None else times:
         resting = rested(campaign, time)
         pressure = resting.site.pressure
         assert pressure is not None

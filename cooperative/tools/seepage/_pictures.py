@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
+from cooperative.one_run import MILLISECONDS, save_animation
 from cooperative.reporting import panels, save
 from cooperative.scene import Campaign
 from cooperative.store import write_aside
@@ -80,32 +82,82 @@ def _pressures(result: Wetted) -> Figure:
     """Pressure and, where it is known, saturation at the times."""
     count = len(result.moments)
     shown = [result.moments[k] for k in np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(int))]
-    saturated = any(np.isfinite(each.saturation).any() for each in shown)
-    cells = result.cells
-    length, height = cells.shape[0] * cells.spacing[0], cells.shape[-1] * cells.spacing[-1]
-    figure, axes = panels(len(shown), 1 + saturated, size=(5.6, max(1.3, 5.6 * height / length + 0.7)))
-    pressures = [WATER_WEIGHT / 1e3 * _middle(result, each.head) for each in shown]
-    low = min(float(np.nanmin(each)) for each in pressures)
-    high = max(float(np.nanmax(each)) for each in pressures)
-    norm = TwoSlopeNorm(0.0, min(low, -1e-3), max(high, 1e-3))
-    for row, (moment, pressure) in enumerate(zip(shown, pressures, strict=True)):
-        ax = axes[row * (1 + saturated)]
-        drawn = _field(ax, result, pressure, cmap="RdBu", norm=norm)
-        _outline(ax, result, moment, pressure)
-        ax.set_title(f"{in_hours(moment.time)}: pore pressure [kPa]", loc="left")
-        figure.colorbar(drawn, ax=ax)
-        if saturated:
-            ax = axes[row * 2 + 1]
-            drawn = _field(ax, result, _middle(result, moment.saturation), cmap="Blues", vmin=0.0, vmax=1.0)
-            factor = "" if moment.factor is None else f", factor of safety {moment.factor:.3f}"
-            ax.set_title(f"effective saturation{factor}", loc="left")
+    figure, rows, norm = _rows_of_panels(result, len(shown))
+    for axes, moment in zip(rows, shown, strict=True):
+        for ax, drawn in zip(axes, _draw(axes, result, moment, norm), strict=True):
             figure.colorbar(drawn, ax=ax)
-    where = f", at y = {_across(result):g} m" if len(cells.shape) == 3 else ""
-    for ax in axes[-1 - saturated :]:
-        ax.set_xlabel(f"x [m]{where}")
-    if lines := dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True)):
-        figure.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=len(lines), frameon=False)
+    _finish(figure, result, rows)
     return figure
+
+
+def write_animation(result: Wetted, path: Path) -> Path:
+    """Write pressure and saturation at the times as an animation.
+
+    Args:
+        result: of `wetted`, at times that are evenly spread.
+        path: MP4 or GIF, as of `cooperative.one_run.animation_path`.
+
+    Returns:
+        The path.
+
+    Raises:
+        OSError: the disk refuses, or ffmpeg does.
+    """
+    figure, [axes], norm = _rows_of_panels(result, 1)
+    for ax, drawn in zip(axes, _draw(axes, result, result.moments[0], norm), strict=True):
+        figure.colorbar(drawn, ax=ax)
+    _finish(figure, result, [axes])
+
+    def draw(moment: Moment) -> list[QuadMesh]:
+        drawn = _draw(axes, result, moment, norm)
+        _name_x([axes], result)
+        return drawn
+
+    return save_animation(FuncAnimation(figure, draw, frames=result.moments, interval=MILLISECONDS), path)
+
+
+def _rows_of_panels(result: Wetted, rows: int) -> tuple[Figure, list[list[Axes]], TwoSlopeNorm]:
+    """A figure with a row of panels for each time, and the colours of pressure, which all times share."""
+    cells, columns = result.cells, 1 + any(np.isfinite(each.saturation).any() for each in result.moments)
+    length, height = cells.shape[0] * cells.spacing[0], cells.shape[-1] * cells.spacing[-1]
+    figure, axes = panels(rows, columns, size=(5.6, max(1.3, 5.6 * height / length + 0.7)))
+    pressures = [_pressure(result, each) for each in result.moments]
+    low, high = min(map(np.nanmin, pressures)), max(map(np.nanmax, pressures))
+    norm = TwoSlopeNorm(0.0, min(float(low), -1e-3), max(float(high), 1e-3))
+    return figure, [axes[row * columns : (row + 1) * columns] for row in range(rows)], norm
+
+
+def _pressure(result: Wetted, moment: Moment) -> np.ndarray:
+    """Of the section (kPa)."""
+    return WATER_WEIGHT / 1e3 * _middle(result, moment.head)
+
+
+def _draw(axes: Sequence[Axes], result: Wetted, moment: Moment, norm: TwoSlopeNorm) -> list[QuadMesh]:
+    """Pressure at a time, and saturation where there is a second panel, in place of what the panels show."""
+    for ax in axes:
+        ax.clear()
+    pressure = _pressure(result, moment)
+    drawn = [_field(axes[0], result, pressure, cmap="RdBu", norm=norm)]
+    _outline(axes[0], result, moment, pressure)
+    axes[0].set_title(f"{in_hours(moment.time)}: pore pressure [kPa]", loc="left")
+    for ax in axes[1:]:
+        drawn.append(_field(ax, result, _middle(result, moment.saturation), cmap="Blues", vmin=0.0, vmax=1.0))
+        factor = "" if moment.factor is None else f", factor of safety {moment.factor:.3f}"
+        ax.set_title(f"effective saturation{factor}", loc="left")
+    return drawn
+
+
+def _finish(figure: Figure, result: Wetted, rows: Sequence[Sequence[Axes]]) -> None:
+    """Name the lines and the axis."""
+    _name_x(rows, result)
+    lines = dict(zip(*reversed(rows[0][0].get_legend_handles_labels()), strict=True))
+    figure.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=len(lines), frameon=False)
+
+
+def _name_x(rows: Sequence[Sequence[Axes]], result: Wetted) -> None:
+    where = f", at y = {_across(result):g} m" if len(result.cells.shape) == 3 else ""
+    for ax in rows[-1]:
+        ax.set_xlabel(f"x [m]{where}")
 
 
 def _field(ax: Axes, result: Wetted, values: np.ndarray, **look: Any) -> QuadMesh:

@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cooperative._arguments import parser
 from cooperative._commands import COMMANDS
 from cooperative.scene import parse
-from cooperative.tools.seepage import lines, wetted, write_wetted
+from cooperative.tools.seepage import lines, wetted, write_animation, write_wetted
 from jaxmpm import seepage
 from tests.cooperative.scene.test_moving_water import LEVEL, at_rest_at, scene
 
@@ -41,6 +42,15 @@ def test_its_files_say_the_same(result, tmp_path):
     said = "\n".join(lines(result))
     assert "pressure  of another program, at 2 times" in said
     assert f"{result.moments[1].wet:4.0%} saturated" in said
+
+
+def test_an_animation_goes_through_the_times_between(result, tmp_path):
+    """The ground of another program is linear between its times; each moment is a picture."""
+    between = wetted(result.campaign, factors=False, times=[0.0, 1800.0, 3600.0])
+    soil, z = result.cells.soil, result.cells.centres()[-1]
+    np.testing.assert_allclose(between.moments[1].head[soil], (1.5 - z)[soil], atol=1e-4)
+    with Image.open(write_animation(between, tmp_path / "seepage.gif")) as picture:
+        assert picture.n_frames == 3
 
 
 def test_the_command_has_factors_and_refuses_a_scene_whose_water_rests(tmp_path, capsys):
