@@ -104,7 +104,14 @@ def answer(results: Results) -> Iterator[str]:
 
 
 def appearance(results: Results) -> Iterator[str]:
-    """What the slides do on average, and which modes they have."""
+    """What the slides do on average, and which modes they have, for a page.
+
+    Args:
+        results: of a campaign.
+
+    Yields:
+        HTML.
+    """
     summary = results.summary
     interval = f"{summary.probability.level:.0%} interval"
     missing, modes = without_slides(summary), sentences.occurring(summary)
@@ -166,7 +173,15 @@ def estimates(summary: Summary) -> str:
 
 
 def risks(summary: Summary, risk: Risk) -> Iterator[str]:
-    """How likely slides reach each element at risk, and what is lost."""
+    """How likely slides reach each element at risk, and what is lost, for a page.
+
+    Args:
+        summary: of a campaign.
+        risk: of its elements at risk.
+
+    Yields:
+        HTML.
+    """
     cut, elements = summary.consequences.cut_off, summary.consequences.elements_at_risk
     affected = {name: element for name, element in elements.items() if element is not None}
     if len(affected) < len(elements):
