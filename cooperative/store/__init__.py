@@ -13,7 +13,7 @@ Only the controller writes to the database. Anyone may read it at any moment; do
 """
 
 from cooperative.names import GRIDS
-from cooperative.store._database import BUDGET, DATABASE, IN_TIME, MEASURED, SCORES, SLIDES_END, SUMMARY
+from cooperative.store._database import BUDGET, DATABASE, FACTORS, IN_TIME, MEASURED, SCORES, SLIDES_END, SUMMARY
 from cooperative.store._opened import (
     contents_sum,
     lock_holder,
@@ -46,6 +46,7 @@ __all__ = [
     "BUDGET",
     "COARSE",
     "DATABASE",
+    "FACTORS",
     "FAILED_AT",
     "GRIDS",
     "IN_TIME",

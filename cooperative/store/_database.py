@@ -43,7 +43,7 @@ MENDED = "`jaxmpm resume` keeps what is whole and runs the rest again, or put ba
 Value = float | int | str | bytes | None
 Row = Mapping[str, Value]
 
-SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, SUMMARY = (
+SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, FACTORS, SUMMARY = (
     "scene",
     "beside",
     "measured",
@@ -51,12 +51,13 @@ SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, SUMMARY = (
     "slides_t_end",
     "scores",
     "in_time",
+    "factors",
     "summary",
 )
-TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, SUMMARY)
+TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, FACTORS, SUMMARY)
 """Names of the texts of table `campaign`: the scene in TOML, and the others in JSON.
 
-Samples that are asked in time have further ones: their factors by slices, and a text for each answer.
+Samples that are asked in time have a text for each answer besides.
 """
 
 CAMPAIGN = "CREATE TABLE campaign (name TEXT PRIMARY KEY, value TEXT NOT NULL, sha256 TEXT NOT NULL) WITHOUT ROWID"
@@ -341,8 +342,8 @@ def mend(path: Path, digest: str, problem: str) -> None:
     aside = files.copy_aside(path)
     create(path, texts, columns, rows.values())
     whole = [name for name in TEXTS if name in texts]
-    if others := len(texts) - len(whole):
-        whole.append(f"{others} further texts")
+    if answers := len(texts) - len(whole):
+        whole.append(f"{answers} answers")
     warnings.warn(
         f"{path} is damaged ({problem}): copied to {aside.name}; {', '.join(whole)} and {len(rows)} runs are whole, "
         "the others are run again",

@@ -10,11 +10,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from cooperative.store import GRIDS, IN_TIME, Store, read_rows, store_text, stored_text, stored_texts
+from cooperative.store import FACTORS, GRIDS, IN_TIME, Store, read_rows, store_text, stored_text, stored_texts
 
 ANSWER = "answer"
 """Beginning of the names of answers in the database: "answer rough 12 3" is of sample 12 in state 3 of the water."""
-FACTORS = "factors"
 SYMBOLS = {True: "fails", False: "stands", None: "broke off"}
 MEANINGS = {word: answer for answer, word in SYMBOLS.items()}
 

@@ -257,7 +257,7 @@ def test_a_damaged_database_keeps_the_answers_that_are_whole(tmp_path):
     probability_in_time(rising(12), tmp_path, refined_runs=0)
     path = tmp_path / "slides" / "campaign.db"
     before = kept_in(tmp_path)
-    with pytest.warns(UserWarning, match=r"in_time, \d+ further texts and 0 runs are whole"):
+    with pytest.warns(UserWarning, match=r"in_time, factors, \d+ answers and 0 runs are whole"):
         mend(path, before.store.digest, "made up")
     after = kept_in(tmp_path)
     assert after.answers == before.answers
