@@ -184,7 +184,14 @@ def on_nodes(scene: Scene, position: Array, function: Callable[[Scene], Array]) 
 
 
 def fits(grid: Grid) -> Array | bool:
-    """Whether all nodes that soil reaches are stored."""
+    """Whether all nodes that soil reaches are stored.
+
+    Args:
+        grid: of the nodes.
+
+    Returns:
+        () bool.
+    """
     return True if grid.near is None else grid.near.needed <= grid.near.node.size
 
 
@@ -204,12 +211,28 @@ def with_room(grid: Grid, position: Array | np.ndarray) -> Grid:
 
 
 def of_stored(grid: Grid, values: Array) -> Array:
-    """Values (nodes, ...) at all nodes, of those that are stored (rows, ...)."""
+    """Values at all nodes as those at the nodes that are stored.
+
+    Args:
+        grid: of the nodes.
+        values: (nodes, ...).
+
+    Returns:
+        (rows, ...).
+    """
     return values if grid.near is None else jnp.asarray(values)[jnp.maximum(grid.near.node, 0)]
 
 
 def of_all(grid: Grid, values: Array) -> Array:
-    """Values (rows, ...) at the stored nodes as those at all nodes (nodes, ...), 0 elsewhere."""
+    """Values at the nodes that are stored as those at all nodes.
+
+    Args:
+        grid: of the nodes.
+        values: (rows, ...).
+
+    Returns:
+        (nodes, ...), 0 at nodes that are not stored.
+    """
     if grid.near is None:
         return values
     node = grid.near.node
@@ -218,13 +241,30 @@ def of_all(grid: Grid, values: Array) -> Array:
 
 
 def along(grid: Grid, axis: int) -> Array:
-    """Number of each stored node along an axis (rows,)."""
+    """Number of each stored node along an axis.
+
+    Args:
+        grid: of the nodes, near soil.
+        axis: number of the axis.
+
+    Returns:
+        (rows,) int32.
+    """
     assert grid.near is not None
     return grid.near.node // math.prod(grid.shape[axis + 1 :]) % grid.shape[axis]
 
 
 def beside(grid: Grid, axis: int, step: int) -> Array:
-    """Rows (rows,) of the nodes so many nodes further along an axis, -1 where none is stored."""
+    """Rows of the nodes next to each stored one.
+
+    Args:
+        grid: of the nodes, near soil.
+        axis: number of the axis.
+        step: nodes further along it.
+
+    Returns:
+        (rows,) int32, -1 where no node is stored.
+    """
     assert grid.near is not None
     first, node, levels = grid.near.first[0], grid.near.node, grid.shape[-1]
     number = node + step * math.prod(grid.shape[axis + 1 :])
@@ -235,6 +275,14 @@ def beside(grid: Grid, axis: int, step: int) -> Array:
 
 
 def at_rows(values: Array, rows: Array) -> Array:
-    """Values (rows, ...) at other rows, 0 for a row of -1."""
+    """Values at other rows.
+
+    Args:
+        values: (rows, ...).
+        rows: (n,) int32, such as from `beside`.
+
+    Returns:
+        (n, ...), 0 for a row of -1.
+    """
     found = (rows >= 0).reshape(-1, *[1] * (values.ndim - 1))
     return jnp.where(found, values[jnp.maximum(rows, 0)], jnp.zeros((), values.dtype))

@@ -332,7 +332,7 @@ def _gather_tangent_transpose(
 def batched(
     primitive: Primitive, arrays: Sequence[Array], axes: Sequence[int | None], **statics: object
 ) -> tuple[object, object]:
-    """Rule of `vmap`: a leading axis of each array, of length 1 where lanes share it."""
+    """Rule of `jax.vmap`: a leading axis of each array, of length 1 where lanes share it."""
     lanes = [a[None] if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
     out = primitive.bind(*lanes, **statics)
     return (out, [0] * len(out)) if primitive.multiple_results else (out, 0)
