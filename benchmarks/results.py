@@ -35,6 +35,7 @@ SHORT = {
     "stability": "stability",
     "earthquakes": "accuracy",
     "seepage": "accuracy",
+    "undrained": "accuracy",
     "work_precision": "accuracy",
     "slope": "accuracy",
     "throughput": "speed",

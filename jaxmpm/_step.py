@@ -29,6 +29,7 @@ from jaxmpm.equations import (
     pushed,
     update_stress,
 )
+from jaxmpm.laws import of_skeleton, with_skeleton
 from jaxmpm.transfer import fits, inside, locate, momentum, near_soil, velocity_gradient
 from jaxmpm.types import Scene, Scheme, State, Status
 
@@ -171,8 +172,10 @@ def grid_to_particles(
         velocity=flip_velocity if flip is None else flip * flip_velocity + (1 - flip) * filtered,
     )
     if "history" in values:
-        change_of_history = jax.tree.unflatten(jax.tree.structure(state.history), list(values["history"]))
-        state = replace(state, history=jax.tree.map(operator.add, state.history, change_of_history))
+        skeleton = of_skeleton(state.history)
+        change = jax.tree.unflatten(jax.tree.structure(skeleton), list(values["history"]))
+        averaged = jax.tree.map(operator.add, skeleton, change)
+        state = replace(state, history=with_skeleton(state.history, averaged))
     if state.affine is not None:
         affine = velocity_gradient(scene.grid, maps.position, maps.unfold(motion.velocity), maps.from_all_nodes)
         state = replace(state, affine=affine)

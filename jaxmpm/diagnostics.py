@@ -11,7 +11,8 @@ from jax import Array
 
 from jaxmpm import tensors
 from jaxmpm.boundary import hold
-from jaxmpm.equations import Maps, acting_stress, external_force, felt_gravity, grid_position, reciprocal
+from jaxmpm.equations import Maps, acting_stress, excess_of, external_force, felt_gravity, grid_position, reciprocal
+from jaxmpm.laws import pressure_left
 from jaxmpm.support import check
 from jaxmpm.transfer import momentum as particle_momentum
 from jaxmpm.transfer import on_nodes
@@ -193,8 +194,55 @@ def kinetic_energy(scene: Scene, state: State) -> Array:
     return 0.5 * jnp.sum(scene.particles.mass * jnp.sum(state.velocity**2, axis=0))
 
 
+def effective_stress(scene: Scene, state: State) -> Array:
+    """Stress that the grains bear: that of the state, of soil with a B-value with the excess of its water added.
+
+    Without water, and in soil without friction, it is the total stress.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        (s, N) Pa, the components of the state.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
+    _of_one_lane(scene, state)
+    excess = excess_of(scene, state)
+    if excess is None:
+        return state.stress
+    d = scene.grid.dimension
+    stress = tensors.expand(state.stress, d)
+    return tensors.compress(tensors.with_mean(stress, tensors.mean(stress) + excess), d)
+
+
+def pore_pressure(scene: Scene, state: State) -> Array:
+    """Pressure of the water in the soil: that of a table where the soil is now, that which it carries, and the excess.
+
+    Args:
+        scene: of the state.
+        state: of one lane.
+
+    Returns:
+        (N,) Pa, 0 without water.
+
+    Raises:
+        ValueError: If the state is not of one lane of this scene.
+    """
+    _of_one_lane(scene, state)
+    loads, pressure = scene.loads, jnp.zeros_like(scene.particles.mass)
+    if loads.water is not None:
+        pressure = pressure + loads.water.pressure(grid_position(scene, state))
+    if loads.pore_pressure is not None:
+        pressure = pressure + pressure_left(jnp.log(state.volume_ratio)) * loads.pore_pressure
+    excess = excess_of(scene, state)
+    return pressure if excess is None else pressure + excess
+
+
 def elastic_energy(scene: Scene, state: State) -> Array:
-    """Energy stored in the elastic stress.
+    """Energy stored in the elastic effective stress, and of soil with a B-value in the excess pressure of its water.
 
     With finite strains it is that of the Kirchhoff stress, per initial volume.
 
@@ -210,11 +258,14 @@ def elastic_energy(scene: Scene, state: State) -> Array:
     """
     _of_one_lane(scene, state)
     ratio = state.volume_ratio
-    stress = tensors.expand(
-        ratio * state.stress if scene.numerics.finite_strain else state.stress, scene.grid.dimension
-    )
+    measure, law = ratio if scene.numerics.finite_strain else 1, scene.material
+    stress = tensors.expand(measure * effective_stress(scene, state), scene.grid.dimension)
     pressure, j2 = tensors.mean(stress), tensors.second_invariant(tensors.deviator(stress))
-    density = pressure**2 / (2 * scene.material.bulk) + j2 / (2 * scene.material.shear)
+    density = pressure**2 / (2 * law.bulk) + j2 / (2 * law.shear)
+    excess = excess_of(scene, state)
+    if excess is not None:
+        water = law.p_wave_modulus - law.bulk - 4 * law.shear / 3
+        density = density + jnp.where(excess == 0, 0, (measure * excess) ** 2 / (2 * jnp.where(excess == 0, 1, water)))
     return jnp.sum(scene.particles.volume * (1 if scene.numerics.finite_strain else ratio) * density)
 
 
@@ -273,7 +324,8 @@ def unbalanced_force(scene: Scene, state: State) -> Array:
     def on(scene: Scene) -> Array:
         maps, particles = Maps(scene, position), scene.particles
         volume = particles.volume * state.volume_ratio
-        sums = maps.sums({"mass": particles.mass[None]}, acting_stress(scene, state.stress, volume, maps))
+        acting = acting_stress(scene, state.stress, volume, maps, excess_of(scene, state))
+        sums = maps.sums({"mass": particles.mass[None]}, acting)
         time = state.step * scene.numerics.time_step
         load = maps.fold(sums["mass"]) * felt_gravity(scene, time)
         external = external_force(scene, maps.position, time)

@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
-from jaxmpm.laws import declared
+from jaxmpm.laws import declared, of_skeleton
 from jaxmpm.support import check, hdf5
 from jaxmpm.support.text import shown
 from jaxmpm.types import Scene, State
@@ -103,9 +103,9 @@ def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
 def write_vtkhdf(path: str | Path, scene: Scene, states: Iterable[State], times: Sequence[float]) -> None:
     """Write a run as a series of particles for ParaView.
 
-    Points are current positions (m). Fields: displacement (m), velocity (m/s) of the grid at the particle, stress (Pa,
-    xx yy zz xy yz xz), plastic_strain or the leaves of the material's history, volume_ratio, and the strength (Pa) if
-    the material has one, nan in zones without.
+    Points are current positions (m). Fields: displacement (m), velocity (m/s) of the grid at the particle, effective
+    stress (Pa, xx yy zz xy yz xz), pore_pressure (Pa) where there is water, plastic_strain or the leaves of the
+    material's history, volume_ratio, and the strength (Pa) if the material has one, nan in zones without.
 
     Args:
         path: file to write; an existing one is replaced.
@@ -221,11 +221,16 @@ _grid_velocity = jax.jit(diagnostics.grid_velocity)
 
 
 def _fields_of(scene: Scene, state: State) -> dict[str, np.ndarray]:
-    history = {} if state.history is None else _named(state.history)
+    skeleton = of_skeleton(state.history)
+    history = {} if skeleton is None else _named(skeleton)
     if list(history) == [""]:
         history = {"plastic_strain": history[""]}
-    fields = {name: getattr(state, name) for name in ("displacement", "stress", "volume_ratio")}
-    fields["velocity"] = _grid_velocity(scene, jax.tree.map(jnp.asarray, state))
+    fields = {name: getattr(state, name) for name in ("displacement", "volume_ratio")}
+    known = jax.tree.map(jnp.asarray, state)
+    fields["stress"] = diagnostics.effective_stress(scene, known)
+    if scene.loads.water is not None or scene.loads.pore_pressure is not None:
+        fields["pore_pressure"] = diagnostics.pore_pressure(scene, known)
+    fields["velocity"] = _grid_velocity(scene, known)
     return {name: np.asarray(values) for name, values in (fields | history).items()}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxmpm import diagnostics, tensors
-from jaxmpm.laws import declared
+from jaxmpm.laws import declared, of_skeleton
 from jaxmpm.run import Result
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State
@@ -26,7 +26,11 @@ DPI = 144
 
 
 def _pressure(scene: Scene, state: State) -> ArrayLike:
-    return -tensors.mean(tensors.expand(state.stress, scene.grid.dimension)) / 1e3
+    return -tensors.mean(tensors.expand(diagnostics.effective_stress(scene, state), scene.grid.dimension)) / 1e3
+
+
+def _water(scene: Scene, state: State) -> ArrayLike:
+    return diagnostics.pore_pressure(scene, state) / 1e3
 
 
 def _shear(scene: Scene, state: State) -> ArrayLike:
@@ -38,6 +42,7 @@ QUANTITIES: dict[str, tuple[str, Callable[[Scene, State], ArrayLike]]] = {
     "displacement": ("displacement (m)", lambda _, state: diagnostics.displacement(state)),
     "speed": ("speed (m/s)", lambda _, state: jnp.linalg.norm(state.velocity, axis=0)),
     "pressure": ("mean stress in compression (kPa)", _pressure),
+    "pore_pressure": ("pore pressure (kPa)", _water),
     "shear_stress": ("sqrt(J2) (kPa)", _shear),
     "volume_ratio": ("current over initial volume", lambda _, state: state.volume_ratio),
 }
@@ -50,8 +55,9 @@ def state(scene: Scene, state: State, colour: str | ArrayLike = "displacement", 
     Args:
         scene: of the state, in 2D or 3D.
         state: of one lane.
-        colour: "displacement", "speed", "pressure", "shear_stress", "volume_ratio", "plastic_strain" of a law that has
-            one as its history, a number that the law declares, or one value per particle (N,).
+        colour: "displacement", "speed", "pressure", "pore_pressure", "shear_stress", "volume_ratio",
+            "plastic_strain" of a law that has one as its history, a number that the law declares, or one value per
+            particle (N,).
         y: position of the section (m), in 3D only; None for the middle of the ground.
 
     Returns:
@@ -156,8 +162,8 @@ def _values(scene: Scene, state: State, colour: str | ArrayLike) -> tuple[str, n
     if colour in QUANTITIES:
         label, function = QUANTITIES[colour]
         return label, np.asarray(function(scene, state))
-    if colour == "plastic_strain" and np.shape(state.history) == shape:
-        return "plastic shear strain", np.asarray(state.history)
+    if colour == "plastic_strain" and np.shape(of_skeleton(state.history)) == shape:
+        return "plastic shear strain", np.asarray(of_skeleton(state.history))
     if colour not in numbers:
         raise ValueError(
             f"colour = {colour!r}: give one of {[*QUANTITIES, 'plastic_strain', *numbers]}, or values (N,)"

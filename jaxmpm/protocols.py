@@ -109,6 +109,9 @@ class PrescribedWater(Protocol):
     def push(self, position: Array) -> Array:
         """Force per volume -grad u (d, N) N/m3 of the pore pressure u at positions (d, N) m."""
 
+    def pressure(self, position: Array) -> Array:
+        """That pore pressure u (N,) Pa, for exports alone: a run does without it."""
+
 
 class PrescribedMotion(Protocol):
     """Motion of the base, a frozen pytree: `BaseMotion`, or a user's own."""

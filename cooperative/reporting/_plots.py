@@ -62,6 +62,7 @@ QUANTITIES = {
     "interface_friction": ParameterLabel("friction angle of the interface", r"$\varphi_i$", "degrees"),
     "interface_cohesion": ParameterLabel("cohesion of the interface", "$c_i$", "kPa", 1e3),
     "dilation": ParameterLabel("dilation angle", r"$\psi$", "degrees"),
+    "b_value": ParameterLabel("B-value", r"$B$", "-"),
     "young": ParameterLabel("Young's modulus", "$E$", "MPa", 1e6),
     "poisson": ParameterLabel("Poisson's ratio", r"$\nu$", "-"),
     "unit_weight": ParameterLabel("unit weight", r"$\gamma$", "kN/m3", 1e3),

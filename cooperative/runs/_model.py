@@ -164,8 +164,8 @@ class GridModel:
 
     @property
     def own_start(self) -> bool:
-        """Whether samples have an initial stress and a time step of their own: random stiffness, weight or water."""
-        return not {"young", "poisson", "unit_weight", "k0", LEVEL, PRESSURE}.isdisjoint(self.paths)
+        """Whether samples have an initial stress or a time step of their own: random stiffness, weight or water."""
+        return not {"young", "poisson", "unit_weight", "k0", "b_value", LEVEL, PRESSURE}.isdisjoint(self.paths)
 
     def parameters(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The parameters at the particles in which samples differ, each (N,), by engineer's name.

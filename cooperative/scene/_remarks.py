@@ -145,7 +145,7 @@ def _of_dilation(campaign: Campaign) -> Iterator[str]:
     """Soil that dilates for ever."""
     for soil in [layer.layer.soil for layer in campaign.site.layers] or [campaign.soil]:
         dilation = getattr(soil, "dilation", None)
-        if dilation and getattr(soil, "softening_strain", None) is None:
+        if dilation and dilation > 0 and getattr(soil, "softening_strain", None) is None:
             yield (
                 f"dilation = {dilation:g} degrees without softening_strain: soil gains volume for as long as it "
                 "shears, and in a long slide energy with it; give softening_strain, by which dilation ends, or leave "

@@ -279,8 +279,8 @@ def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
 
     moves: whether water does.
 
-    A saturated unit weight in ground without a water table, where no soil would have it; a strength that goes with the
-    effective stress, in ground of which no water is known.
+    A saturated unit weight in ground without a water table, where no soil would have it; a B-value or a strength that
+    goes with the effective stress, in ground of which no water is known.
     """
     for layer in site.soils(soil):
         saturated = getattr(layer.soil, "saturated_unit_weight", None)
@@ -292,6 +292,12 @@ def check_site(site: Site, soil: AnySoil, *, moves: bool = False) -> None:
             )
             rule, remedy = f"has no effect {why}", f"{remedy}, or leave it out"
             raise Invalid(("saturated_unit_weight",), f"{saturated:g} N/m3", rule, remedy)
+        b_value = getattr(layer.soil, "b_value", None)
+        if b_value is not None and site.water is None and not moves:
+            raise Invalid(
+                ("b_value",), f"{b_value:g}", "has no effect without water in the ground",
+                "give the water's level, table, raster, depth or r_u, or leave it out",
+            )  # fmt: skip
     ratios = [part.ratio for part in site.by_stress(soil) or () if part is not None]
     if ratios and site.water is None:
         raise Invalid(

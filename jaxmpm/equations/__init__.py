@@ -14,7 +14,7 @@ from jaxmpm.equations._nodes import (
     particles_to_grid,
     pushed,
 )
-from jaxmpm.equations._stress import acting_stress, update_stress
+from jaxmpm.equations._stress import acting_stress, excess_of, update_stress
 
 __all__ = [
     "MASS_FLOOR",
@@ -27,6 +27,7 @@ __all__ = [
     "bridged",
     "by_levels",
     "closed",
+    "excess_of",
     "external_force",
     "felt_gravity",
     "free_field",

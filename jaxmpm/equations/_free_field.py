@@ -9,7 +9,7 @@ from jax import Array
 
 from jaxmpm.equations._maps import Maps, grid_position
 from jaxmpm.equations._nodes import Beyond, move_grid, particles_to_grid
-from jaxmpm.equations._stress import acting_stress
+from jaxmpm.equations._stress import acting_stress, excess_of
 from jaxmpm.types import Scene, State
 
 
@@ -54,7 +54,8 @@ def beside(column: Scene, state: State, dt: Array, height: int) -> list[Array]:
     """
     maps, mass = Maps(column, grid_position(column, state)), column.particles.mass
     motion = move_grid(column, particles_to_grid(column, state, dt, maps), state.step * dt, dt)
-    stress = acting_stress(column, state.stress, column.particles.volume * state.volume_ratio, maps)
+    volume = column.particles.volume * state.volume_ratio
+    stress = acting_stress(column, state.stress, volume, maps, excess_of(column, state))
     density = mass / column.particles.volume
     waves = [mass * jnp.sqrt(modulus / density) for modulus in (column.material.p_wave_modulus, column.material.shear)]
     sums = maps.to_grid(jnp.stack([stress[0], stress[-1], *waves]) / column.grid.cell, None)

@@ -14,7 +14,7 @@ from jaxmpm import tensors
 from jaxmpm.boundary import Region, hold, slide
 from jaxmpm.equations._gaps import bridged, by_levels, closed, gaps, sheared, shifted
 from jaxmpm.equations._maps import Maps, reciprocal
-from jaxmpm.equations._stress import acting_stress
+from jaxmpm.equations._stress import acting_stress, excess_of
 from jaxmpm.laws import softened
 from jaxmpm.transfer import at_rows, beside, momentum, thickness_on
 from jaxmpm.types import Scene, State
@@ -91,7 +91,7 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
         carried["volume"] = particles.volume[None]  # without the gaps of soil that has opened, which bear nothing
     if not isinstance(shears, bool):
         carried["undrained"] = (particles.mass * shears)[None]
-    stress = acting_stress(scene, state.stress, volume, maps) if stressed else None
+    stress = acting_stress(scene, state.stress, volume, maps, excess_of(scene, state)) if stressed else None
     sums = maps.sums(carried, stress, None if stress is None else by_levels(scene, volume, stress))
     moving = maps.momentum(sums.pop("momentum"))
     sums = {name: maps.fold(block) for name, block in sums.items()}
@@ -175,7 +175,7 @@ def felt_gravity(scene: Scene, time: Array) -> Array:
 def pushed(scene: Scene, state: State, nodal: Nodal, maps: Maps) -> Nodal:
     """The nodes with the force of the particles' stress added."""
     volume, d = scene.particles.volume * state.volume_ratio, scene.grid.dimension
-    acting = acting_stress(scene, state.stress, volume, maps)
+    acting = acting_stress(scene, state.stress, volume, maps, excess_of(scene, state))
     levels = by_levels(scene, volume, acting)
     sums = maps.to_grid(None, acting, levels)
     gap = gaps(scene, nodal.mass[:, 0]) if sheared(scene) is not False else None

@@ -16,25 +16,27 @@ from jaxmpm.laws import (
     at_time,
     elastic_increment,
     elastic_strain,
+    excess_pressure,
     frictional,
     logarithmic,
+    of_skeleton,
+    pressure_left,
     update_with_gap,
     volumetric,
+    with_skeleton,
 )
 from jaxmpm.protocols import Tensor
 from jaxmpm.types import Scene, State
 
-PRESSURE_GOES = (0.05, 0.1)
-"""Growth of the soil's volume, as a logarithm, from which on and up to which its own pore pressure falls to 0."""
 
-
-def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Array:
+def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps, excess: Array | None = None) -> Array:
     """Stress components (s, N) that act on the grid, times the current volume (J).
 
     The mean stress is averaged by the transpose of the strain's average: forces then do the work that the averaged
     strain stores. Without this the energy grows in a long run, and that of clay that softens without bounds. Frictional
-    soil under the cell average keeps its local mean stress: a free surface would lose its strength. If particles have a
-    pore pressure, the total stress acts. The pressure falls to 0 as the soil opens: one that stayed would do work
+    soil under the cell average keeps its local mean stress: a free surface would lose its strength. The excess pressure
+    of its water is averaged, which is far stiffer and rings otherwise. If particles have a pore pressure, the total
+    stress acts. The pressure falls to 0 as the soil opens: one that stayed would do work
     without bound, and slides exploded.
 
     Args:
@@ -42,15 +44,15 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
         stress: components of the state (s, N) Pa.
         volume: current one (N,) m3.
         maps: transfers at the particles.
+        excess: that of the state (N,) Pa, see `excess_of`; None without.
 
     Returns:
         (d (d + 1) / 2, N) J.
     """
     d = scene.grid.dimension
     if scene.loads.pore_pressure is not None:
-        effective, (first, last) = tensors.expand(stress, d), PRESSURE_GOES
-        share = jnp.clip((last - jnp.log(volume / scene.particles.volume)) / (last - first), 0, 1)
-        total = tensors.mean(effective) - share * scene.loads.pore_pressure
+        effective, left = tensors.expand(stress, d), pressure_left(jnp.log(volume / scene.particles.volume))
+        total = tensors.mean(effective) - left * scene.loads.pore_pressure
         stress = tensors.compress(tensors.with_mean(effective, total), d)
     if scene.numerics.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)
@@ -61,8 +63,18 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps) -> Arr
         mean = tensors.mean(full)
         full = tensors.with_mean(full, jnp.where(local, mean, maps.cell_average(mean, volume)))
         stress = tensors.compress(full, d)
+    if excess is not None and scene.numerics.cell_average:
+        full = tensors.expand(stress, d)
+        mean = tensors.mean(full) + excess - maps.cell_average(excess, volume)
+        stress = tensors.compress(tensors.with_mean(full, mean), d)
     # A stack of products, not a product of stacks: XLA on CPU vectorises only the first.
     return jnp.stack([volume * component for component in tensors.rows(tensors.acting(stress, d))])
+
+
+def excess_of(scene: Scene, state: State) -> Array | None:
+    """Change of pore pressure (N,) Pa that the state's stress has in it; None where all soil is drained."""
+    excess = excess_pressure(scene.material, state.history, tensors.expand(state.stress, scene.grid.dimension))
+    return excess if excess is None or not scene.numerics.finite_strain else excess / state.volume_ratio
 
 
 def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: Maps) -> State:
@@ -82,7 +94,9 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
     unaveraged = state.unaveraged
     if scene.numerics.nonlocal_passes is not None:
         # The next step's transfers average it: transfers of its own would cost a fifth of a step.
-        unaveraged, history = jax.tree.map(operator.sub, history, state.history), state.history
+        before = of_skeleton(state.history)
+        unaveraged = jax.tree.map(operator.sub, of_skeleton(history), before)
+        history = with_skeleton(history, before)
     if scene.numerics.finite_strain:
         # Stored first: otherwise XLA on CPU divides all components in the one loop that computes them.
         components = tensors.compress(tensors.row_by_row(stress), d) / strained.volume_ratio

@@ -10,12 +10,24 @@ from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._granular import MuI
 from jaxmpm.laws._hencky import logarithmic, volumetric
 from jaxmpm.laws._parameter import Declared, Parameter, declared, excesses, hardens, has_strength, with_parameters
+from jaxmpm.laws._saturated import (
+    DRAINED,
+    Saturated,
+    Sealed,
+    excess_pressure,
+    flooded,
+    of_skeleton,
+    pressure_left,
+    saturated,
+    with_skeleton,
+)
 from jaxmpm.laws._softening import Decay, ExponentialSoftening, FrictionalSoftening, LossInTime, RateEffect, Softening
 from jaxmpm.laws._undrained import J2, Elastic, add, at_time, elastic_increment, elastic_strain
 from jaxmpm.laws._water import WaterSurface, WaterTable
 from jaxmpm.laws._zoned import Zoned, frictional, in_total_stress, laws_of, softened, weakens_until
 
 __all__ = [
+    "DRAINED",
     "J2",
     "AnisotropicUndrained",
     "BaseMotion",
@@ -36,6 +48,8 @@ __all__ = [
     "MuI",
     "Parameter",
     "RateEffect",
+    "Saturated",
+    "Sealed",
     "Softening",
     "WaterSurface",
     "WaterTable",
@@ -47,15 +61,20 @@ __all__ = [
     "elastic_increment",
     "elastic_strain",
     "element_test",
+    "excess_pressure",
     "excesses",
+    "flooded",
     "frictional",
     "hardens",
     "has_strength",
     "in_total_stress",
     "laws_of",
     "logarithmic",
+    "of_skeleton",
+    "pressure_left",
     "reduce_strength",
     "remembers_gap",
+    "saturated",
     "snaps_back",
     "softened",
     "stiffened",
@@ -63,4 +82,5 @@ __all__ = [
     "volumetric",
     "weakens_until",
     "with_parameters",
+    "with_skeleton",
 ]

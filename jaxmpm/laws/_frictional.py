@@ -33,7 +33,7 @@ from jaxmpm.tensors import by_component, deviator, mean, row_by_row, safe_sqrt, 
 PARAMETERS = {
     "cohesion": Parameter(least=0.0, unit="Pa", reduced=True),
     "friction": Parameter(least=0.0, below=math.pi / 2, unit="rad", reduced=True),
-    "dilation": Parameter(least=0.0, below=math.pi / 2, unit="rad", at_most="friction"),
+    "dilation": Parameter(least=-math.pi / 12, below=math.pi / 2, unit="rad", at_most="friction"),
     "tension_cutoff": from_zero("Pa"),
 }
 
@@ -95,7 +95,7 @@ class DruckerPrager(Law):
         shear: elastic shear modulus (Pa).
         cohesion: Pa.
         friction: angle (radians).
-        dilation: angle (radians), at most the friction.
+        dilation: angle (radians), at most the friction; below 0 soil contracts as it is sheared.
         softening: loss of strength with plastic strain; None for none.
         tension_cutoff: largest mean stress (Pa); None for that of the cone's apex.
         matching: where the cone meets the pyramid; static.
@@ -166,7 +166,7 @@ class MohrCoulomb(Law):
         shear: elastic shear modulus (Pa).
         cohesion: Pa.
         friction: angle (radians).
-        dilation: angle (radians), at most the friction.
+        dilation: angle (radians), at most the friction; below 0 soil contracts as it is sheared.
         softening: loss of strength with plastic strain; None for none.
         tension_cutoff: largest principal stress (Pa), with associated flow; None for that of the apex.
         gap_memory: as for `J2`, of soil that opens along all axes; static.

@@ -89,7 +89,10 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
     with_12 = [(same * f - left * g) / (same**2 - left**2) for f, g in ((f13, f12), (f12, f13))]
     returns.append((stress((1 + r) * sum(with_12), -(1 - r) * with_12[1], -(1 - r) * with_12[0]), with_12))
     e1, _, e3 = e = strain((apex, apex, apex))
-    returns.append(((apex,) * 3, [(1 - r) * sum(e) + 2 * r * e3, (1 + r) * sum(e) - 2 * r * e1]))
+    beyond_23, beyond_12 = (1 - r) * sum(e) + 2 * r * e3, (1 + r) * sum(e) - 2 * r * e1
+    # Soil that contracts flows from its edges towards the apex, which so takes what one of them, not both, leaves.
+    at_apex = jnp.where(r < 0, jnp.maximum(beyond_23, beyond_12), jnp.minimum(beyond_23, beyond_12))
+    returns.append(((apex,) * 3, [at_apex]))
     if tension is not None:
         tension = jnp.minimum(tension, apex)
         returns += cut_off(

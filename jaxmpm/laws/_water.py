@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
+from jax.scipy.ndimage import map_coordinates
 
 from jaxmpm.support.check import Limit, above_zero
 from jaxmpm.support.pytrees import pytree
@@ -42,6 +43,10 @@ class WaterTable:
     def at_level(self, level: Array) -> WaterTable:
         """The table, level at this height () m."""
         return replace(self, z=jnp.full_like(self.z, level))
+
+    def pressure(self, position: Array) -> Array:
+        """Pore pressure u (N,) Pa at positions (d, N) m."""
+        return self.unit_weight * jnp.maximum(jnp.interp(position[0], self.x, self.z) - position[-1], 0)
 
     def push(self, position: Array) -> Array:
         """Force per volume -grad u (d, N) N/m3 at positions (d, N) m."""
@@ -85,6 +90,13 @@ class WaterSurface:
     def at_level(self, level: Array) -> WaterSurface:
         """The surface, level at this height () m."""
         return replace(self, heights=jnp.full_like(self.heights, level))
+
+    def pressure(self, position: Array) -> Array:
+        """Pore pressure u (N,) Pa at positions (3, N) m."""
+        table = map_coordinates(
+            self.heights, list((position[:2] - self.corner[:, None]) / self.step), 1, mode="nearest"
+        )
+        return self.unit_weight * jnp.maximum(table - position[-1], 0)
 
     def push(self, position: Array) -> Array:
         """Force per volume -grad u (3, N) N/m3 at positions (3, N) m."""

@@ -18,6 +18,7 @@ from jaxmpm.grid import Particles
 from jaxmpm.laws._base import stiffened
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
+from jaxmpm.laws._saturated import excess_pressure, flooded
 from jaxmpm.laws._undrained import at_time
 from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.support.check import Limit
@@ -121,15 +122,21 @@ class Zoned:
         self, history: History, like: Tensor, function: Callable[[Material, slice, History], History]
     ) -> History:
         """The history after a function of the law, the particles and the history of each zone."""
-        structures = [_structure(law, span, like) for law, span in self.zones]
-        kinds = list(dict.fromkeys(known_structure for known_structure in structures if known_structure is not None))
-        parts = () if history is None else (history,) if len(kinds) == 1 else history
         after = []
-        for (law, span), structure in zip(self.zones, structures, strict=True):
-            index, before = None if structure is None else kinds.index(structure), _of_zone(parts, span)
+        for law, span, index, before in self._histories(history, like):
             new = function(law, span, None if index is None else before[index])
             after.append(tuple(new if i == index else value for i, value in enumerate(before)))
         return _one([jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *kind) for kind in zip(*after, strict=True)])
+
+    def _histories(
+        self, history: History, like: Tensor
+    ) -> Iterator[tuple[Material, slice, int | None, tuple[History, ...]]]:
+        """Law and particles of each zone, and its histories of all structures, of which the index tells its own."""
+        structures = [_structure(law, span, like) for law, span in self.zones]
+        kinds = list(dict.fromkeys(known_structure for known_structure in structures if known_structure is not None))
+        parts = () if history is None else (history,) if len(kinds) == 1 else history
+        for (law, span), structure in zip(self.zones, structures, strict=True):
+            yield law, span, None if structure is None else kinds.index(structure), _of_zone(parts, span)
 
     def reduced(self, factor: Array) -> Zoned:
         """The law with the strength of every zone that has some divided by `factor`; ValueError if none has."""
@@ -216,6 +223,22 @@ def softened(law: Material, strain: Array) -> Array | None:
 @remembers_gap.register
 def _(law: Zoned) -> bool:
     return any(map(remembers_gap, law.laws))
+
+
+@flooded.register
+def _(law: Zoned, pressure: Array) -> Zoned:
+    return replace(law, laws=tuple(flooded(part, pressure[span]) for part, span in law.zones))
+
+
+@excess_pressure.register
+def _(law: Zoned, history: History, like: Tensor) -> Array | None:
+    pressures = [
+        None if index is None else excess_pressure(part, histories[index], like)
+        for part, _, index, histories in law._histories(history, like)
+    ]
+    if all(pressure is None for pressure in pressures):
+        return None
+    return law.per_particle([0.0 if pressure is None else pressure for pressure in pressures])
 
 
 @update_with_gap.register

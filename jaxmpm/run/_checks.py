@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmpm.laws import remembers_gap
+from jaxmpm.laws import of_skeleton, remembers_gap
 from jaxmpm.types import Scene, State
 
 
@@ -37,13 +37,15 @@ def check_state(scene: Scene, state: State, axes: Scene | None) -> None:
     if precisions[0] != precisions[1]:
         raise ValueError("the state is {}, the scene {}: build both with the same precision".format(*precisions))
     law = scene.material
-    expected: object = jax.tree.structure(jax.eval_shape(law.initial_history, scene.particles))
+    initial = jax.eval_shape(law.initial_history, scene.particles)
+    expected: object = jax.tree.structure(initial)
     if expected != jax.tree.structure(state.history):
         raise ValueError(
             f"the state's history is not that of {type(law).__name__}: give the state that was built with this law, or "
             "replace(state, history=scene.material.initial_history(scene.particles))"
         )
-    if scene.numerics.nonlocal_passes is not None and jax.tree.structure(state.unaveraged) != expected:
+    changes: object = jax.tree.structure(of_skeleton(initial))
+    if scene.numerics.nonlocal_passes is not None and changes != jax.tree.structure(state.unaveraged):
         raise ValueError(
             "the scene averages the change of the history over neighbours, and the state has none: give the state that "
             "was built with it, or replace(state, unaveraged=unstressed(scene).unaveraged)"

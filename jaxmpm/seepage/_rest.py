@@ -14,6 +14,7 @@ from jaxmpm.ground import WATER_WEIGHT, Contact
 from jaxmpm.laws import Zoned, in_total_stress
 from jaxmpm.seepage._soil import Retention
 from jaxmpm.seepage._table import HeadsAt
+from jaxmpm.setup import with_water_sealed
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
 from jaxmpm.types import Scene
@@ -105,7 +106,8 @@ def with_pressure(
         moist = np.asarray(dry_weight, float) + WATER_WEIGHT * content
         mass = jnp.asarray(moist / STANDARD_GRAVITY * np.asarray(particles.volume, float), dtype)
         particles = replace(particles, mass=jnp.where(np.isfinite(moist), mass, particles.mass))
-    return replace(scene, loads=loads, boundary=boundary, particles=particles)
+    material = with_water_sealed(scene.material, particles, loads)
+    return replace(scene, loads=loads, boundary=boundary, particles=particles, material=material)
 
 
 def _of_pool(position: np.ndarray, level: float | None, unit_weight: float) -> np.ndarray:

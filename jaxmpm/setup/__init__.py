@@ -14,7 +14,7 @@ from jaxmpm.setup._discretisation import (
 from jaxmpm.setup._fill import fill, ordered
 from jaxmpm.setup._follow import follow_soil
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
-from jaxmpm.setup._law import check_scene, check_shape, force_of_water, wave_speed
+from jaxmpm.setup._law import check_scene, check_shape, force_of_water, wave_speed, with_water_sealed
 from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._scene import scene, unstressed, with_stress
 from jaxmpm.setup._vary import check_names, check_start, numbers_of, parameter_names, vary, with_soil, with_strength
@@ -59,4 +59,5 @@ __all__ = [
     "with_soil",
     "with_strength",
     "with_stress",
+    "with_water_sealed",
 ]

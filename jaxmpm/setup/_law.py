@@ -14,11 +14,22 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Particles
-from jaxmpm.laws import Zoned, declared, excesses, hardens, in_total_stress, laws_of, snaps_back
+from jaxmpm.laws import (
+    DRAINED,
+    Saturated,
+    Zoned,
+    declared,
+    excesses,
+    flooded,
+    hardens,
+    in_total_stress,
+    laws_of,
+    snaps_back,
+)
 from jaxmpm.protocols import Material, PrescribedWater
 from jaxmpm.support import check
-from jaxmpm.support.tracing import array, at_once, on_host, taken
-from jaxmpm.types import Scene
+from jaxmpm.support.tracing import array, at_once, host, on_host, taken
+from jaxmpm.types import Loads, Scene
 
 Found = TypeVar("Found")
 
@@ -96,6 +107,29 @@ def force_of_water(scene: Scene) -> np.ndarray | Array:
         Of NumPy, traced where the water or the particles are.
     """
     return on_host(at_once(_push, scene.loads.water, scene.particles.position))
+
+
+def with_water_sealed(material: Material, particles: Particles, loads: Loads) -> Material:
+    """The law whose soil with a B-value knows the pore pressure at rest of the loads; all is saturated without any.
+
+    Args:
+        material: of the particles.
+        particles: at rest.
+        loads: with their water.
+
+    Returns:
+        The law.
+    """
+    carried, water, mass = loads.pore_pressure, loads.water, particles.mass
+    sealed = any(isinstance(law, Saturated) for law in laws_of(material))
+    if not sealed or (carried is None and water is None):
+        return material
+    push = None if water is None else on_host(at_once(_push, water, particles.position))[-1]
+    pressure, numbers = on_host(carried), host(carried, push)
+    wet = numbers.zeros(mass.shape, bool) if pressure is None else pressure > 0
+    wet = wet if push is None else wet | (push > 0)
+    pressure = numbers.where(wet, 0.0 if pressure is None else numbers.maximum(pressure, 0), DRAINED)
+    return flooded(material, array(pressure, mass.dtype))
 
 
 @jax.jit

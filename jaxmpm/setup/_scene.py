@@ -14,7 +14,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Grid, Particles
-from jaxmpm.laws import BaseMotion, frictional, laws_of, remembers_gap
+from jaxmpm.laws import BaseMotion, frictional, laws_of, of_skeleton, remembers_gap
 from jaxmpm.protocols import History, Material, PrescribedMotion
 from jaxmpm.setup._choices import (
     check_boundary,
@@ -29,7 +29,7 @@ from jaxmpm.setup._choices import (
     warn_of_hats,
 )
 from jaxmpm.setup._discretisation import Discretisation, check_discretisation, kernel_of
-from jaxmpm.setup._law import check_scene, check_shape, checked_material, number_of, wave_speed
+from jaxmpm.setup._law import check_scene, check_shape, checked_material, number_of, wave_speed, with_water_sealed
 from jaxmpm.setup._motion import SKIPPED, check_motion, skipped
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, zeros_like
@@ -111,7 +111,8 @@ def scene(
         )
     if loads.water is not None or loads.pore_pressure is not None:
         check_water(loads.water, loads.pore_pressure, material, particles)
-    if length is not None and material.initial_history(particles) is None:
+        material = with_water_sealed(material, particles, loads)
+    if length is not None and not jax.tree.leaves(of_skeleton(material.initial_history(particles))):
         raise ValueError(f"internal_length = {length:g} m, but the soil does not soften: leave it out")
     if loads.k0 is not None:
         check_shape("k0", loads.k0, particles)
@@ -206,7 +207,7 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
         status=array(int(Status.RUNNING), jnp.int32),
         affine=array(np.zeros((d, *particles.position.shape)), particles.mass.dtype) if apic else None,
         gap=zeros_like(particles.mass) if remembers_gap(scene.material) else None,
-        unaveraged=None if scene.numerics.nonlocal_passes is None else zeros_like(history),
+        unaveraged=None if scene.numerics.nonlocal_passes is None else zeros_like(of_skeleton(history)),
     )
 
 

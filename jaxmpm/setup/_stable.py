@@ -48,6 +48,8 @@ def highest_frequency(scene: Scene, *, iterations: int = ITERATIONS) -> Array:
     particles, d = scene.particles, scene.grid.dimension
     scene = replace(scene, loads=replace(scene.loads, pore_pressure=None))
     scene = near_soil(scene, particles.position)
+    law = scene.material
+    bulk = law.p_wave_modulus - 4 * law.shear / 3
     maps = Maps(scene, particles.position)
     mass = maps.to_grid(particles.mass[None], None)[:, :1]
     carries = mass > MASS_FLOOR * jnp.mean(particles.mass)
@@ -56,7 +58,7 @@ def highest_frequency(scene: Scene, *, iterations: int = ITERATIONS) -> Array:
     def accelerations(u: Array) -> Array:
         entries = tensors.entries(maps.gradient(u))
         strain = maps.unlocked(tensors.strain_increment(entries, jnp.ones((), u.dtype)), particles.volume)
-        stress = tensors.compress(elastic_increment(scene.material.bulk, scene.material.shear, strain), d)
+        stress = tensors.compress(elastic_increment(bulk, law.shear, strain), d)
         force = maps.to_grid(None, acting_stress(scene, stress, particles.volume, maps))
         return hold(scene, jnp.where(carries, -force / jnp.where(carries, mass, 1), 0))
 

@@ -15,7 +15,7 @@ from jaxmpm.laws import declared, with_parameters
 from jaxmpm.protocols import Material
 from jaxmpm.setup._choices import WALL_STRENGTH, check_of_contact, check_weight_below_water
 from jaxmpm.setup._initial_stress import at_rest, overburden
-from jaxmpm.setup._law import check_scene, check_shape, wave_speed
+from jaxmpm.setup._law import check_scene, check_shape, wave_speed, with_water_sealed
 from jaxmpm.setup._scene import unstressed, with_stress
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.support import check
@@ -28,7 +28,9 @@ WALL = {**WALL_STRENGTH, "wall_pressure": "pressure"}
 """What walls and a base have at their nodes, by the part of the boundary."""
 K0 = "k0"
 ENGINEERING = ("young", "poisson", "unit_weight", K0, WATER_LEVEL, PORE_PRESSURE, *WALL)
-STARTING = {"young", "poisson", "bulk", "shear", "unit_weight", K0, WATER_LEVEL, PORE_PRESSURE}
+STRESSING = {"young", "poisson", "bulk", "shear", "unit_weight", K0, WATER_LEVEL, PORE_PRESSURE}
+"""Parameters on which the initial stress depends."""
+STARTING = {*STRESSING, "b_value"}
 """Parameters on which time step or initial stress depend."""
 
 
@@ -132,10 +134,10 @@ def check_start(state: State, names: Collection[str]) -> None:
     """
     if check.is_traced(state):
         return
-    if STARTING & set(names) and (np.any(np.asarray(state.displacement)) or np.any(np.asarray(state.velocity))):
+    if STRESSING & set(names) and (np.any(np.asarray(state.displacement)) or np.any(np.asarray(state.velocity))):
         raise ValueError(
-            f"{sorted(STARTING & set(names))} vary, so the initial stress is solved again, but `state` has moved: give "
-            "one at rest"
+            f"{sorted(STRESSING & set(names))} vary, so the initial stress is solved again, but `state` has moved: "
+            "give one at rest"
         )
 
 
@@ -207,6 +209,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     varied = replace(varied, boundary=replace(scene.boundary, **contact))
     if not STARTING & given.keys():
         return varied, state
+    varied = replace(varied, material=with_water_sealed(varied.material, varied.particles, varied.loads))
     numerics = scene.numerics
     good = at_once(check.admissible, on_host(varied))
     if not check.is_traced(good) and not good:
@@ -215,6 +218,8 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     before, after = (wave_speed(s.particles, s.material) for s in (scene, varied))
     shorter = host(before, after).minimum(1.0, before / after)
     varied = replace(varied, numerics=replace(numerics, time_step=numerics.time_step * shorter))
+    if not STRESSING & given.keys():
+        return varied, state
     stressed = True if check.is_traced(state.stress) else bool(np.any(np.asarray(state.stress)))
     if not stressed:
         return varied, state

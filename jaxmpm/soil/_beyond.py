@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from jax import Array
 
-from jaxmpm.laws import AnisotropicUndrained, ModifiedCamClay, MuI
+from jaxmpm.laws import AnisotropicUndrained, ModifiedCamClay, MuI, Saturated, saturated
 from jaxmpm.soil._soil import check_numbers, moduli, radians
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, host
@@ -35,6 +35,7 @@ class CamClaySoil:
         saturated_unit_weight: of soil that starts below a water table (N/m3); None for unit_weight.
         unusual: as for `Soil`.
         k0: as for `Soil`.
+        b_value: as for `FrictionalSoil`, with the largest bulk modulus; softer soil has more.
     """
 
     compression: float | Array
@@ -48,8 +49,9 @@ class CamClaySoil:
     saturated_unit_weight: float | None = None
     unusual: bool = False
     k0: float | Array | None = None
+    b_value: float | None = None
 
-    def material(self, dtype: np.dtype, band: float) -> ModifiedCamClay:
+    def material(self, dtype: np.dtype, band: float) -> ModifiedCamClay | Saturated:
         """Its law on any grid.
 
         Args:
@@ -57,7 +59,7 @@ class CamClaySoil:
             band: not used, the law has no softening of a band.
 
         Returns:
-            `ModifiedCamClay`.
+            `ModifiedCamClay`, `Saturated` with a B-value.
 
         Raises:
             ValueError: If a number is impossible for soil.
@@ -74,7 +76,7 @@ class CamClaySoil:
         bulk = self.largest_pressure / host(self.swelling).asarray(self.swelling)
         shear = bulk * (3 * (1 - 2 * self.poisson) / (2 * (1 + self.poisson)))
         numbers = (self.compression, self.swelling, self.critical_state, self.ocr, self.least_pressure)
-        return ModifiedCamClay(*map(number, (bulk, shear, *numbers)))
+        return saturated(ModifiedCamClay(*map(number, (bulk, shear, *numbers))), self.b_value)
 
 
 @by_value

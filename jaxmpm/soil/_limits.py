@@ -31,7 +31,7 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         "strength": Limit(above=0, unit="Pa"),
         "cohesion": Limit(least=0, unit="Pa"),
         "friction": ANGLE,
-        "dilation": ANGLE,
+        "dilation": Limit(least=-15, most=60, unit="degrees"),
         "young": Limit(above=0, unit="Pa"),
         "poisson": Limit(above=-1, below=0.5),
         "unit_weight": Limit(above=0, unit="N/m3"),
@@ -55,6 +55,7 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         "largest_pressure": Limit(above=0, unit="Pa"),
         "loss_time": Limit(above=0, unit="s"),
         "k0": from_zero(),
+        "b_value": Limit(least=0, below=1),
     }
 )
 

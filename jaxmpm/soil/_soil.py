@@ -24,7 +24,9 @@ from jaxmpm.laws import (
     Matching,
     MohrCoulomb,
     RateEffect,
+    Saturated,
     Softening,
+    saturated,
 )
 from jaxmpm.soil._limits import LIMITS
 from jaxmpm.support import check
@@ -178,7 +180,7 @@ class FrictionalSoil:
     Args:
         cohesion: Pa.
         friction: degrees.
-        dilation: degrees, at most the friction.
+        dilation: degrees, at most the friction; below 0 soil contracts as it is sheared, without end unless it softens.
         unit_weight: of soil and its water (N/m3).
         young: Young's modulus (Pa).
         poisson: Poisson's ratio.
@@ -195,6 +197,8 @@ class FrictionalSoil:
         saturated_unit_weight: of soil that starts below a water table (N/m3); None for unit_weight.
         unusual: as for `Soil`.
         k0: as for `Soil`.
+        b_value: Skempton's B of soil below the water, which as it strains from rest neither loses nor takes up water,
+            see `jaxmpm.laws.Saturated`; None for drained soil.
     """
 
     cohesion: float
@@ -215,13 +219,14 @@ class FrictionalSoil:
     saturated_unit_weight: float | None = None
     unusual: bool = False
     k0: float | Array | None = None
+    b_value: float | None = None
 
     @property
     def softens(self) -> bool:
         """Whether cohesion and friction fall with plastic strain."""
         return self.softening_strain is not None
 
-    def material(self, dtype: np.dtype, band: float) -> MohrCoulomb | DruckerPrager:
+    def material(self, dtype: np.dtype, band: float) -> MohrCoulomb | DruckerPrager | Saturated:
         """Its law on a grid.
 
         Args:
@@ -229,13 +234,14 @@ class FrictionalSoil:
             band: thickness of the grid's shear bands (m).
 
         Returns:
-            `MohrCoulomb` or `DruckerPrager`.
+            `MohrCoulomb` or `DruckerPrager`, `Saturated` with a B-value.
 
         Raises:
             ValueError: If a number is impossible for soil.
         """
         check_soil(self)
-        check.between("dilation", self.dilation, 0.0, self.friction, ends=True)
+        check.between("dilation", self.dilation, -math.inf, self.friction, ends=True)
+        _check_contraction(self)
         if not check.is_traced(self.cohesion, self.friction) and self.cohesion == 0 and self.friction == 0:
             raise ValueError("cohesion = 0 Pa with friction = 0 degrees: give at least one of them")
         number = partial(array, dtype=dtype)
@@ -245,14 +251,14 @@ class FrictionalSoil:
         if self.law is DruckerPrager:
             if not isinstance(self.matching, Matching):
                 raise ValueError(f"matching = {self.matching!r}: give a member of Matching")
-            return DruckerPrager(bulk, shear, *strength, self.matching, self.gap_memory)
+            return saturated(DruckerPrager(bulk, shear, *strength, self.matching, self.gap_memory), self.b_value)
         if self.law is MohrCoulomb:
             if self.matching is not Matching.PLANE_STRAIN:
                 raise ValueError(
                     f"matching = {self.matching} is of Drucker-Prager's cone, and has no effect with MohrCoulomb: "
                     "leave it out, or give law=DruckerPrager"
                 )
-            return MohrCoulomb(bulk, shear, *strength, self.gap_memory)
+            return saturated(MohrCoulomb(bulk, shear, *strength, self.gap_memory), self.b_value)
         raise ValueError(f"law = {self.law!r}: give MohrCoulomb or DruckerPrager")
 
     def _softening(self, scale: float, number: Callable[[ArrayLike], Array]) -> FrictionalSoftening | None:
@@ -283,6 +289,19 @@ def check_numbers(soil: object) -> None:
         value = getattr(soil, name, None)
         if value is not None and (name, value) != ("softening_length", "cell"):
             check.within(name, value, limit)
+
+
+def _check_contraction(soil: FrictionalSoil) -> None:
+    """Raise ValueError for soil that contracts so fast that the elastic part of its strain turns round."""
+    if check.is_traced(soil.dilation, soil.friction, soil.poisson):
+        return
+    turned = np.max(-np.sin(np.radians(soil.friction)) * np.sin(np.radians(soil.dilation)))
+    if turned >= 1 - 2 * soil.poisson:
+        raise ValueError(
+            f"dilation = {np.min(soil.dilation):g} degrees with friction = {np.max(soil.friction):g} degrees and "
+            f"poisson = {soil.poisson:g}: sin(friction) sin(-dilation) = {turned:.3g} is not below 1 - 2 poisson, so "
+            "that contraction takes more stress than shear gives; give less contraction, or a lower poisson"
+        )
 
 
 def _scale(soil: Soil | FrictionalSoil, band: float) -> float:

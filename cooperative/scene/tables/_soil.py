@@ -190,8 +190,14 @@ class SoilTable(Part):
         "Angle of friction.", 25.0, None, synonyms="phi friction_angle"
     )
     dilation: OrTable[Annotated[float, _of("dilation")], RandomField] | None = key(
-        "Angle of dilation, at most that of friction.", 0.0, None, otherwise=_default("dilation"),
-        synonyms="psi dilatancy",
+        "Angle of dilation, at most that of friction. Below 0 soil contracts in shear, to `softening_strain`.", 0.0,
+        None, otherwise=_default("dilation"), synonyms="psi dilatancy contraction",
+    )  # fmt: skip
+    b_value: OrTable[Annotated[float, _of("b_value")], RandomField] | None = key(
+        "Skempton's B of soil below the water, which from rest on neither loses nor takes up water: its pore pressure "
+        "follows the mean stress and its contraction under shear, see [seepage](seepage.md#undrained-slides).",
+        0.95, None, otherwise="none: drained, soil keeps its pore pressure",
+        synonyms="b skempton skempton_b skemptons_b b-value pore_pressure_coefficient undrained_b",
     )  # fmt: skip
     matching: Annotated[Matching, one_of(MATCHINGS)] | None = key(
         "Where the cone of Drucker-Prager meets Mohr-Coulomb's pyramid.", "plane strain", None,

@@ -49,7 +49,7 @@ NEIGHBOURS = 4
 STRENGTHS = (0, 1)
 """Places of cohesion and friction in what a `Strength` gives."""
 UNUSED = ("young", "poisson", "softening_modulus", "residual_ratio", "strain_95", "dilation", "tension_cutoff",
-          "residual_cohesion", "residual_friction", "softening_strain", "loss_time", "k0")  # fmt: skip
+          "residual_cohesion", "residual_friction", "softening_strain", "loss_time", "k0", "b_value")  # fmt: skip
 """Parameters whose variation limit equilibrium has no use for."""
 
 Water = float | Sequence[Sequence[float]] | None

@@ -95,6 +95,15 @@ def scatters(scene, state):
     return count
 
 
+def test_the_water_of_drained_soil_is_absent_from_state_and_program():
+    sand = mpm.FrictionalSoil(5e3, 30.0, law=mpm.laws.DruckerPrager)
+    drained, sealed = section(sand), section(replace(sand, b_value=0.9))
+    assert drained[1].history is None
+    assert len(jax.tree.leaves(sealed)) == len(jax.tree.leaves(drained)) + 2  # the B-value, and the growth of volume
+    assert count(program(*drained), "log_plus_one") == count(program(*sealed), "log_plus_one") - 1 == 0
+    assert scatters(*drained) == scatters(*sealed) - 2  # the average of its pressure over a cell
+
+
 @pytest.mark.parametrize(("choice", "times", "leaves"), [({"fbar": True}, 2, 0), ({"internal_length": 1.5}, 1, 1)])
 def test_averages_over_neighbours_map_nothing_unless_asked_for(choice, times, leaves):
     # MUSL maps twice, F-bar the strain and the mean stress; averaged plastic strain goes with what is mapped anyway.
