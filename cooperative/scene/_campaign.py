@@ -226,6 +226,26 @@ class Campaign(Part):
         own = {name: field for name, field in layer.random.items() if name in layer.own}
         return own if flows is None else {**own, CONDUCTIVITY: flows}
 
+    def drained(self) -> Campaign:
+        """The campaign whose soil keeps its pore pressure, as until it fails; itself where no soil has a B-value.
+
+        Raises:
+            Invalid: B-values that are random.
+        """
+        site, random = self.site, (self.random, *(layer.random for layer in self.site.layers))
+        if any("b_value" in fields for fields in random):
+            raise Invalid(
+                ("b_value",), None, "is random, and whether a slope stands is asked of drained soil",
+                "give it as a number",
+            )  # fmt: skip
+        if not any(getattr(layer.soil, "b_value", None) for layer in site.soils(self.soil)):
+            return self
+        layers = (replace(part, layer=replace(part.layer, soil=_drained(part.layer.soil))) for part in site.layers)
+        again = replace(self, soil=_drained(self.soil), ground=replace(site, layers=tuple(layers)))
+        # The flow does not depend on it.
+        again.__dict__.update((name, self.__dict__[name]) for name in ("flow", "flowing") if name in self.__dict__)
+        return again
+
     @property
     def rank(self) -> Callable[..., Any] | FromScript | str | None:
         """What ranks the samples in place of a coarse grid, or its name; None without."""
@@ -363,6 +383,12 @@ def _from_script(value: object) -> Iterator[FromScript]:
     elif is_dataclass(value) and not isinstance(value, type):
         for field_of_it in fields(value):
             yield from _from_script(getattr(value, field_of_it.name, None))
+
+
+def _drained(soil: AnySoil) -> AnySoil:
+    """The soil with a B-value of 0, itself without one."""
+    changed: Any = soil
+    return replace(changed, b_value=0.0) if getattr(soil, "b_value", None) else soil
 
 
 def _with_means(soil: AnySoil, random: Mapping[str, RandomField]) -> AnySoil:

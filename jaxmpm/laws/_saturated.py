@@ -13,6 +13,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxmpm.grid import Particles
+from jaxmpm.laws._base import stiffened
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, Parameter, declared, with_parameters
 from jaxmpm.protocols import History, Material, Tensor
@@ -141,6 +142,10 @@ class Saturated:
         """The law with the strength of its skeleton divided by `factor`."""
         return replace(self, law=self.law.reduced(factor))
 
+    def stiffened(self, bulk: Array, shear: Array, pressure: Array) -> Self:
+        """The law with other moduli (Pa) of its skeleton, see `jaxmpm.laws.stiffened`."""
+        return replace(self, law=stiffened(self.law, bulk, shear, pressure))
+
     def excess_pressure(self, history: Sealed) -> Array:
         """Change of pore pressure since the soil was at rest, beside the share that opening soil loses of it.
 
@@ -235,6 +240,24 @@ def flooded(law: Any, pressure: Array) -> Any:
 @flooded.register
 def _(law: Saturated, pressure: Array) -> Saturated:
     return replace(law, pore_pressure=pressure)
+
+
+@singledispatch
+def drained(law: Any) -> Any:
+    """The law whose water leaves and enters at once: with a B-value of 0, and its history of the same structure.
+
+    Args:
+        law: a law.
+
+    Returns:
+        The law, itself where it is drained.
+    """
+    return law
+
+
+@drained.register
+def _(law: Saturated) -> Saturated:
+    return replace(law, b_value=jnp.zeros_like(law.b_value))
 
 
 @singledispatch

@@ -18,7 +18,7 @@ from jaxmpm.grid import Particles
 from jaxmpm.laws._base import stiffened
 from jaxmpm.laws._gap import remembers_gap, update_with_gap
 from jaxmpm.laws._parameter import Declared, declared, has_strength, with_parameters
-from jaxmpm.laws._saturated import excess_pressure, flooded
+from jaxmpm.laws._saturated import drained, excess_pressure, flooded
 from jaxmpm.laws._undrained import at_time
 from jaxmpm.protocols import History, Material, Tensor
 from jaxmpm.support.check import Limit
@@ -228,6 +228,11 @@ def _(law: Zoned) -> bool:
 @flooded.register
 def _(law: Zoned, pressure: Array) -> Zoned:
     return replace(law, laws=tuple(flooded(part, pressure[span]) for part, span in law.zones))
+
+
+@drained.register
+def _(law: Zoned) -> Zoned:
+    return replace(law, laws=tuple(map(drained, law.laws)))
 
 
 @excess_pressure.register

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm import diagnostics
-from jaxmpm.laws import declared, laws_of, stiffened, weakens_until
+from jaxmpm.laws import Saturated, declared, drained, laws_of, stiffened, weakens_until
 from jaxmpm.run._early import elastic_period
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._stopping import Exceeds, farthest
@@ -67,7 +67,7 @@ def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
     stress, while displacement below it is inversely proportional to the modulus. So all soil gets the same modulus, in
     proportion to weight and height, and displacement below the limit is as small a share of the height in every scene.
     The time step follows, and the share of PIC, as much in a second as before. Soil or an interface that softens does
-    so by displacements; such a scene keeps its stiffness.
+    so by displacements; such a scene keeps its stiffness. Soil with a B-value is drained, as it is until it fails.
 
     Args:
         scene: at rest.
@@ -85,6 +85,7 @@ def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
             "loss_time takes strength away while a slope is looked at, which has no limit load: give the soil the "
             "strength that it is left with, or a failure displacement"
         )
+    sealed, scene = scene.material, replace(scene, material=drained(scene.material))
     if _softens(scene) or not {"bulk", "shear"} <= declared(scene.material).keys():
         return scene
     dtype, height = scene.particles.mass.dtype, heights(scene)[0]
@@ -93,7 +94,7 @@ def limit_load_scene(scene: Scene, young: float = YOUNG) -> Scene:
     material = stiffened(scene.material, *numbers)
     # Time steps allow for the sum of the wave speed and that of a fall through half the height.
     fall = math.sqrt(_gravity(scene) * height)
-    before, after = (fall + wave_speed(scene.particles, law) for law in (scene.material, material))
+    before, after = (fall + wave_speed(scene.particles, law) for law in (sealed, material))
     share = before / after
     numerics = scene.numerics
     flip = None if numerics.flip is None else numerics.flip**share
@@ -117,7 +118,7 @@ def least_failing_volume(height: float, dimension: int) -> float:
 
 def _softens(scene: Scene) -> bool:
     """Whether soil or an interface softens, or has a memory and no method `stiffened`."""
-    laws = laws_of(scene.material)
+    laws = [law.law if isinstance(law, Saturated) else law for law in laws_of(scene.material)]
     soil = any(law.initial_history(scene.particles) is not None and not hasattr(law, "stiffened") for law in laws)
     return soil or scene.boundary.softening is not None
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm.laws import reduce_strength
+from jaxmpm.laws import drained, reduce_strength
 from jaxmpm.run._advance import repeat
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._lanes import varied_lanes
@@ -78,7 +78,7 @@ def factor_of_safety(
     With the limit load the slope fails where displacement begins to grow with R, at the kink. If nothing softens, all
     soil is given the stiffness of `limit_load_scene` for that, so that the answer depends on no Young's modulus. A
     displacement criterion depends on the chosen metres if soil does not soften, since a perfectly plastic slope slides
-    a little and stands again.
+    a little and stands again. Soil with a B-value is drained, as it is until it fails.
 
     Args:
         scene: to run.
@@ -133,6 +133,7 @@ def factor_of_safety(
             scene, state, bracket=bracket, resolution=resolution, t_end=t_end, batch=batch, least_volume=least_volume,
             progress=progress,
         )  # fmt: skip
+    scene = replace(scene, material=drained(scene.material))
     outcomes: dict[int, tuple[float, bool]] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:

@@ -102,6 +102,11 @@ class WaterState:
         """The campaign whose ground rests there."""
         return rested(self.campaign, self.time)
 
+    @cached_property
+    def drained(self) -> Campaign:
+        """The same, of which samples are asked whether they stand: soil with a B-value drains until it fails."""
+        return self.resting.drained()
+
 
 @dataclass
 class StateRunner:
@@ -122,12 +127,12 @@ class StateRunner:
         return runs.coefficients_of(self.campaign, self.soil)
 
     @cached_property
-    def models(self) -> dict[tuple[str, int], runs.GridModel]:
+    def models(self) -> dict[tuple[str, int, bool], runs.GridModel]:
         return {}
 
     def run(self, grid: str, at: int, numbers: Sequence[int], stop_at: float | None) -> Iterator[FinishedRun]:
-        """Samples that begin at rest in a state, and end at a displacement (m), None for none."""
-        resting = self.states[at].resting
+        """Samples that begin at rest in a state, and are drained to a displacement (m) or slide to their end (None)."""
+        resting = self.states[at].resting if stop_at is None else self.states[at].drained
         rules = resting.rules(stop_at)
         if self.workers is not None:
             packed = runs.packed(resting)
@@ -135,9 +140,10 @@ class StateRunner:
                 self.workers, packed, grid, numbers, self.coefficients, rules=rules, check=self.stop.check
             )
             return
-        if (grid, at) not in self.models:
-            self.models[grid, at] = runs.build(resting, grid, self.soil)
-        model = self.models[grid, at]
+        key = grid, at, resting is self.states[at].resting
+        if key not in self.models:
+            self.models[key] = runs.build(resting, grid, self.soil)
+        model = self.models[key]
         yield from runs.run_samples(model, self.coefficients, numbers, rules=rules, stop=self.stop.requested)
 
     def ask(self, grid: str, at: int, numbers: Sequence[int]) -> Iterator[tuple[int, bool | None]]:
@@ -227,6 +233,7 @@ def audited_samples(campaign: Campaign, refined_runs: int | None) -> int:
         raise ValueError(
             "calibrate = true is of one state of the water: the refined runs correct the rough ones instead"
         )
+    campaign.drained()  # refuses B-values that are random
     samples = campaign.plan.samples
     audited = min(samples, max(FEWEST, round(SHARE * samples)) if refined_runs is None else refined_runs)
     if 0 < audited < min(10, samples):

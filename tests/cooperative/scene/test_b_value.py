@@ -10,7 +10,8 @@ import pytest
 import jaxmpm as mpm
 from cooperative import runs
 from cooperative.scene import parse
-from jaxmpm.laws import Saturated, declared
+from jaxmpm.laws import Saturated, declared, laws_of
+from jaxmpm.run import limit_load_scene
 
 SCENE = """
 [ground]
@@ -102,3 +103,27 @@ def test_it_is_the_same_from_python():
     built = model_of(SCENE).scene
     assert jax.tree.structure(scene.material) == jax.tree.structure(built.material)
     np.testing.assert_allclose(scene.material.pore_pressure, built.material.pore_pressure)
+
+
+def test_slopes_are_asked_drained_until_they_fail():
+    text = SCENE.replace("{ mean = 0.7, cov = 0.05, length = [10.0, 2.0] }", "0.9")
+    campaign = parse(text + LAYERS)
+    drained = campaign.drained()
+    assert [soil.soil.b_value for soil in drained.site.soils(drained.soil)] == [0, 0]
+    assert [soil.soil.b_value for soil in campaign.site.soils(campaign.soil)] == [0.5, 0.9]
+    assert replace(drained, soil=campaign.soil, ground=campaign.site) == campaign
+    dry = parse(text.replace("b_value = 0.9\n", ""))
+    assert dry.drained() is dry
+    with pytest.raises(ValueError, match=r"b_value is random, and .* drained soil: give it as a number"):
+        parse(SCENE).drained()
+
+
+def test_the_limit_load_is_that_of_drained_soil():
+    text = SCENE.replace("{ mean = 0.7, cov = 0.05, length = [10.0, 2.0] }", "0.9")
+    sealed, dry = (
+        limit_load_scene(model_of(each).scene) for each in (text + LAYERS, (text + LAYERS).replace("b_value = 0", "# "))
+    )
+    np.testing.assert_array_equal(declared(sealed.material)["b_value"].value, 0)
+    for law, skeleton in zip(laws_of(sealed.material), laws_of(dry.material), strict=True):
+        jax.tree.map(np.testing.assert_array_equal, law.law, skeleton)
+    np.testing.assert_allclose(sealed.numerics.time_step, dry.numerics.time_step, rtol=1e-3)

@@ -142,7 +142,7 @@ def test_zones_get_one_stiffness_and_soil_that_softens_keeps_its_own():
     assert shear.size == 1
     softening = replace(CLAY, softening_modulus=60e3)
     scene, _ = mpm.slope(SLOPE, softening, COARSE, at_rest=False)
-    assert limit_load_scene(scene) is scene
+    assert limit_load_scene(scene) == scene
 
 
 def test_a_lane_that_slides_out_of_the_grid_has_moved_and_one_that_breaks_off_before_is_an_error():
