@@ -171,7 +171,6 @@ def test_a_whole_folder_is_exported_without_its_scene_and_its_grids(tmp_path, do
     for module in ("folder", "exports._export", "exports._tables"):
         monkeypatch.setattr(f"cooperative.{module}.campaign_of", refused)
     monkeypatch.setattr(runs, "build", refused)
-    monkeypatch.setattr("cooperative.exports._export.build", refused)
     assert {path: path.read_bytes() for path in export(folder, kinds)} == whole
     assert "weight" in (folder / "table.csv").read_text().splitlines()[0].split(",")
     # The random soil of a sample that a report draws is in the folder, too.

@@ -52,7 +52,7 @@ def test_more_than_eight_faults_are_counted():
         (("height = 8.0", "height = true"), "[slope] height = True is true or false: give a number"),
         (("spacing = [1.0, 1.0]", "spacing = 1.0"), "[rough] spacing = 1.0 is a number: give a list of numbers, one"),
         (("young = 2e7", "young = {}"), "[soil.young] lacks mean, cov, length: add it"),
-        (("[soil]", "[soil]\ndilation = 70.0"), "[soil] dilation = 70 degrees: give a value from 0 to 60"),
+        (("[soil]", "[soil]\ndilation = 70.0"), "[soil] dilation = 70 degrees: give a value from -15 to 60"),
         (("[slope]", "slope = 3\n[slop]"), "the scene has an unknown key 'slop' (did you mean 'slope'?)"),
         (("[run]", "[hazard]\nevery = 0\n[run]"), "[hazard] every = 0: give a whole number of 1 or more"),
     ],
