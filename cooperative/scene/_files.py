@@ -73,7 +73,10 @@ class Files:
         for name, each in self.known.items():
             if isinstance(each, Raster) and terrain is not None:
                 x, y = each.ends
-                each = each.cropped(terrain.x or x, terrain.y or y)
+                try:
+                    each = each.cropped(terrain.x or x, terrain.y or y)
+                except ValueError as error:
+                    raise ValueError(f"{name} does not reach the walls: {error}") from error
                 each = each if terrain.step is None else each.resampled(terrain.step)
             if isinstance(each, Raster | BaseMotion):
                 content[name] = packed(name, each)
@@ -135,11 +138,13 @@ class Files:
         return table.tolist()
 
     def raster(self, name: str) -> Raster:
-        """Heights of a file, likewise."""
+        """Heights of a file, likewise; of a GeoTIFF's band: "water.tif#2"."""
+        banded = re.fullmatch(r"(.+\.tiff?)#(\d+)", name, re.IGNORECASE)
+        path, band = (name, None) if banded is None else (banded[1], int(banded[2]))
 
         def read() -> Raster:
-            raster = read_raster(self._path(name))
-            self._compare(name, raster.projection)
+            raster = read_raster(self._path(path), band=band)
+            self._compare(path, raster.projection)
             x, y = shift_of(self.origin, np.transpose(raster.ends))
             return replace(raster, corner=(raster.corner[0] - x, raster.corner[1] - y))
 

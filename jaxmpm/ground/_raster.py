@@ -191,7 +191,7 @@ class Raster:
         return replace(self, heights=self.at(*np.meshgrid(x, y, indexing="ij")), step=step)
 
 
-def read_raster(path: str | Path) -> Raster:
+def read_raster(path: str | Path, *, band: int | None = None) -> Raster:
     """Read heights from an ESRI ASCII grid, or from a GeoTIFF by `rasterio` (extra "terrain").
 
     NODATA in the file is nan in the raster; a terrain that needs such a height is refused with its position. A number
@@ -199,16 +199,22 @@ def read_raster(path: str | Path) -> Raster:
 
     Args:
         path: of the file.
+        band: number of the heights in a GeoTIFF of several, counted from 1; None for the only one.
 
     Returns:
         Raster.
 
     Raises:
-        ValueError: If the file is of another kind or incomplete, steps differ along x and y, or it is in degrees, in
-            feet or in a projection whose metres are none of the ground.
+        ValueError: If the file is of another kind or incomplete, has other bands, steps differ along x and y, or it is
+            in degrees, in feet or in a projection whose metres are none of the ground.
     """
     path = Path(path)
-    raster = _geotiff(path) if path.suffix.lower() in (".tif", ".tiff") else _esri(path)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        raster = _geotiff(path, band)
+    elif band is None:
+        raster = _esri(path)
+    else:
+        raise ValueError(f"band = {band} of {path}, and only GeoTIFFs have bands: leave it out")
     raster.check(str(path))
     raster = replace(raster, heights=_without_codes(path, raster.heights))
     return raster if raster.projection is None else _on_the_ground(str(path), raster)
@@ -381,7 +387,7 @@ def _on_the_ground(where: str, raster: Raster) -> Raster:
     return raster
 
 
-def _geotiff(path: Path) -> Raster:
+def _geotiff(path: Path, band: int | None) -> Raster:
     rasterio = extra("rasterio", f"{path} is a GeoTIFF, which rasterio reads")
     # Bytes, so that the library opens nothing else: no address of a server, no file beside it.
     data = files.read_given(path, MOST_BYTES)
@@ -391,18 +397,23 @@ def _geotiff(path: Path) -> Raster:
         with rasterio.MemoryFile(data) as memory, warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with memory.open(driver="GTiff") as file:
-                return _heights(path, file)
+                return _heights(path, file, band)
     except (rasterio.errors.RasterioError, rasterio.errors.CRSError) as error:
         raise ValueError(f"{path} cannot be read as a GeoTIFF: {shown(str(error))}") from error
 
 
-def _heights(path: Path, file: DatasetReader) -> Raster:
-    """The raster of an open GeoTIFF."""
-    if file.count != 1 or np.dtype(file.dtypes[0]).kind not in "iuf":
+def _heights(path: Path, file: DatasetReader, band: int | None) -> Raster:
+    """The raster of a band of an open GeoTIFF."""
+    number = 1 if band is None else band
+    if (band is None and file.count != 1) or not 1 <= number <= file.count:
+        has = f"{path} has {file.count} bands of {', '.join(sorted(set(file.dtypes)))}"
         raise ValueError(
-            f"{path} has {file.count} bands of {', '.join(sorted(set(file.dtypes)))}: give one of heights, e.g. with "
-            "gdal_translate -b 1"
+            f"{has}: give one of heights by its number from 1, band=1, in a scene {shown(f'{path.name}#1')}"
+            if band is None
+            else f"{has} and none of number {band}: give 1 to {file.count}"
         )
+    if np.dtype(file.dtypes[number - 1]).kind not in "iuf":
+        raise ValueError(f"{path} has a band of {file.dtypes[number - 1]}: give heights, e.g. of float32")
     if file.width * file.height * 8 > MOST_BYTES:
         raise ValueError(f"{path} declares {file.width} times {file.height} heights, more than can be: crop it")
     if any(8.0 * block[0] * block[1] > MOST_BYTES for block in file.block_shapes):
@@ -419,10 +430,11 @@ def _heights(path: Path, file: DatasetReader) -> Raster:
     projection = None if file.crs is None else file.crs.to_wkt()
     if projection is not None:
         _refuse_projection(str(path), projection)
-    unit = file.units[0]
+    unit = file.units[number - 1]
     if unit is not None and unit.strip().lower() not in METRES:
         raise ValueError(f"{path} has heights in {shown(unit)}: give them in metres, e.g. with gdal_calc")
-    heights = file.read(1, masked=True).astype(float) * file.scales[0] + file.offsets[0]
+    stored = file.read(number, masked=True).astype(float)
+    heights = stored * file.scales[number - 1] + file.offsets[number - 1]
     filled = heights.filled(np.nan)[::-1].T
     corner = (turned.c + turned.a / 2, turned.f + (file.height - 0.5) * turned.e)
     heights = np.ascontiguousarray(np.where(np.isfinite(filled), filled, np.nan))

@@ -59,10 +59,16 @@ def test_scale_and_offset_are_applied(tmp_path):
     assert np.allclose(raster.heights, HEIGHTS[::-1].T / 10 + 50)
 
 
-def test_a_scene_carries_the_terrain_of_a_geotiff(tmp_path):
+@pytest.mark.parametrize("bands", [1, 3])
+def test_a_scene_carries_the_terrain_of_a_geotiff(bands, tmp_path):
+    """Of several bands that of the number behind its name."""
     plane = np.linspace(10.0, 6.0, 9)[None] * np.ones((5, 1))
-    written(tmp_path / "dem.tif", plane, transform=(2.0, 0, -1.0, 0, -2.0, 9.0))
-    text = changed(TERRAIN[: TERRAIN.index("[files]")], ('"hill"', '"dem.tif"'))
+    with rasterio.open(
+        written(tmp_path / "dem.tif", plane, transform=(2.0, 0, -1.0, 0, -2.0, 9.0), count=bands), "r+"
+    ) as file:
+        for other in range(1, bands):
+            file.write(plane + other, other)
+    text = changed(TERRAIN[: TERRAIN.index("[files]")], ('"hill"', '"dem.tif"' if bands == 1 else f'"dem.tif#{bands}"'))
     (tmp_path / "scene.toml").write_text(text)
     carried = read_scene(tmp_path / "scene.toml")
     (tmp_path / "dem.tif").unlink()
@@ -113,6 +119,22 @@ def test_metres_of_a_map_of_the_world_are_no_metres(reader, tmp_path, monkeypatc
     assert mpm.read_raster(tmp_path / "dem.asc").projection
 
 
+def test_a_band_is_read_by_its_number(tmp_path):
+    with rasterio.open(written(tmp_path / "bands.tif", count=3), "r+") as file:
+        file.write(HEIGHTS + 7, 2)
+        file.set_band_unit(3, "ft")
+        file.scales = (1.0, 0.5, 1.0)
+    assert np.allclose(mpm.read_raster(tmp_path / "bands.tif", band=2).heights, (HEIGHTS[::-1].T + 7) / 2)
+    with pytest.raises(ValueError, match="has heights in 'ft'"):
+        mpm.read_raster(tmp_path / "bands.tif", band=3)
+    for band in (0, 4):
+        with pytest.raises(ValueError, match=f"3 bands of float32 and none of number {band}: give 1 to 3"):
+            mpm.read_raster(tmp_path / "bands.tif", band=band)
+    (tmp_path / "dem.asc").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\n1 2\n3 4\n")
+    with pytest.raises(ValueError, match="only GeoTIFFs have bands"):
+        mpm.read_raster(tmp_path / "dem.asc", band=1)
+
+
 REFUSED = [
     ({"crs": "EPSG:4326", "transform": (8e-4, 0, 12.0, 0, -8e-4, 47.0)}, "is in degrees: project it to metres first"),
     ({"crs": "EPSG:2225"}, "is in feet: project it to metres first"),
@@ -124,7 +146,7 @@ REFUSED = [
     ({"transform": (-5.0, 0, 300.0, 0, -5.0, 420.0)}, "has steps of -5 and 5 m"),
     ({"transform": (1.0, 0, 0, 0, 1.0, 0), "crs": None}, "has no position"),
     ({"count": 3}, "has 3 bands of float32: give one of heights"),
-    ({"dtype": "complex64", "nodata": None}, "has 1 bands of complex64"),
+    ({"dtype": "complex64", "nodata": None}, "has a band of complex64: give heights"),
 ]
 
 
