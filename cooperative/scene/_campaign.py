@@ -541,6 +541,9 @@ def check_moving(campaign: Campaign) -> None:
     table.check_complete()
     if campaign.rain is not None and campaign.drawdown is not None:
         raise Invalid(("drawdown",), None, "is given beside rain, and each has rate and level", "leave one out")
+    if table.water_tables is not None and campaign.dimension == 2:
+        rule = "are rasters in plan, and the ground is a section"
+        raise Invalid((name, "water_tables"), None, rule, "give pressure, rows of x, z, t and head")
     if site.r_u is not None:
         rule = f"beside {name}, whose flow gives the pore pressure"
         raise Invalid(("r_u",), f"{site.r_u:g}", rule, "leave one out")
@@ -569,8 +572,8 @@ def check_moving(campaign: Campaign) -> None:
             raise Invalid(path, shown(layer.name), "is no [[layer]] of the ground", remedy)
     for where, conducts in campaign.conductivities.items():
         with at(*((name, "soil") if where is None else (name, "layer", site.layers[where].name)), CONDUCTIVITY):
-            if table.pressure is not None:
-                rule = "varies beside pressure, in which another program's flow has one answer for all samples"
+            if (given := table.given_by) is not None:
+                rule = f"varies beside {given}, in which another program's flow has one answer for all samples"
                 raise Invalid((), None, rule, "give it as a number")
             conducts.check(LIMITS[CONDUCTIVITY], site.span)
 

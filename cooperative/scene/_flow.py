@@ -243,7 +243,7 @@ def flow_of(campaign: Campaign) -> PressureInTime:
     """
     table = campaign.seepage
     assert table is not None
-    if table.pressure is not None:
+    if table.given_by is not None:
         return _given(campaign, table)
     (solved,) = campaign.flowing.solved([None])
     if solved.rained > 0 and solved.entered < SOAKS * solved.rained:
@@ -496,8 +496,11 @@ def _sides(campaign: Campaign, table: Seepage, start: Start) -> list[AtSide]:
 
 def _given(campaign: Campaign, table: Seepage) -> PressureTable:
     """The pore pressure of another program, checked against the ground."""
-    assert table.pressure is not None
-    known = PressureTable.of_rows(table.pressure)
+    if table.water_tables is None:
+        assert table.pressure is not None
+        known = PressureTable.of_rows(table.pressure)
+    else:
+        known = PressureTable.of_rasters(dict(cast("Sequence[tuple[float, Raster]]", table.water_tables)))
     known.check_ground(campaign.site.shape)
     if all(each is None for each in retentions_of(campaign)) and any(
         getattr(each.soil, "saturated_unit_weight", None) is not None for each in campaign.site.soils(campaign.soil)

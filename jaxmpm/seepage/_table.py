@@ -118,6 +118,32 @@ class _Surface:
     raster: Raster
     dimension: int = 3
 
+    def check_ground(self, ground: Ground, place: Values, time: float) -> None:
+        """Check that there is a height wherever there is ground.
+
+        Args:
+            ground: whose water table it is said to be.
+            place: points of the ground (d, n) m.
+            time: s, for the message.
+
+        Raises:
+            ValueError: If there is none somewhere.
+        """
+        low, high = _corners(ground)
+        points = self.raster.points()
+        holes = points[:, np.isnan(self.raster.heights).ravel()]
+        holes = holes[:, ((low[:2, None] <= holes) & (holes <= high[:2, None])).all(0)]
+        holes = holes[:, np.isfinite(np.asarray(ground.heights(*holes), float))]
+        plan = np.hstack([holes, place[:2]])
+        dry = np.isnan(self.raster.at(*plan))
+        if dry.any():
+            x, y = plan[:, dry.argmax()]
+            raise ValueError(
+                f"the water table at {time:g} s has no height at the ground's ({x:.4g}, {y:.4g}) m: its raster goes "
+                f"{_box(points.T, 'xy')}, the ground {_box(_corners(ground)[:, :2], 'xy')}; fill its holes, and give "
+                "heights in the coordinates of the ground, all over it"
+            )
+
     def total(self, position: Values) -> Values:
         level = self.raster.at(*position[:2])
         if np.isnan(level).any():
@@ -301,8 +327,8 @@ class PressureTable:
             ground: whose pore pressure it is said to be.
 
         Raises:
-            ValueError: If it has other axes, its points lie elsewhere or leave a part of the ground out, or nowhere in
-                the ground is its water at or above the base.
+            ValueError: If it has other axes, its points or rasters lie elsewhere or leave a part of the ground out, or
+                nowhere in the ground is its water at or above the base.
         """
         d = len(ground.corner)
         if d != self.dimension:
@@ -313,6 +339,7 @@ class PressureTable:
         edges = [edge / PROBED for edge in ground.extent]
         cells = cells_under(ground, edges)
         place = cells.centres().reshape(d, -1)[:, cells.soil.ravel()]
+        axes = "xyz" if d == 3 else "xz"
         for time, known in zip(self.times, self.known, strict=True):
             if isinstance(known, _Points):
                 far = known.tree.query(place.T)[0]
@@ -322,15 +349,21 @@ class PressureTable:
                     at = ", ".join(f"{x:.4g}" for x in place[:, np.argmax(np.where(beyond, far, -1))])
                     raise ValueError(
                         f"the table of pore pressure at {time:g} s has no point within {limit:.3g} m of the ground's "
-                        f"({at}) m: its points go {_box(known.points)}, the ground {_box(_corners(ground))}; give "
-                        "points in the coordinates of the ground, all over it"
+                        f"({at}) m: its points go {_box(known.points, axes)}, the ground "
+                        f"{_box(_corners(ground), axes)}; give points in the coordinates of the ground, all over it"
                     )
+            if isinstance(known, _Surface):
+                known.check_ground(ground, place, time)
             level = known.total(place)
             if level.max() < ground.corner[-1]:
+                remedy = (
+                    "are these depths of the water table? Give its heights"
+                    if isinstance(known, _Surface)
+                    else "are these pressure heads? Then name the column pressure_head"
+                )
                 raise ValueError(
                     f"the table's heads at {time:g} s are at most {level.max():.4g} m, below the ground's base at "
-                    f"{ground.corner[-1]:g} m: total heads count from the zero of the ground's heights; are these "
-                    "pressure heads? Then name the column pressure_head"
+                    f"{ground.corner[-1]:g} m: total heads count from the zero of the ground's heights; {remedy}"
                 )
 
 
@@ -355,8 +388,8 @@ def _joined(points: Values, time: float) -> Delaunay:
         ) from error
 
 
-def _box(points: Values) -> str:
-    axes = "xyz" if points.shape[1] == 3 else "xz"
+def _box(points: Values, axes: str) -> str:
+    """The ends of points (n, d) m along axes of these names."""
     return ", ".join(
         f"{axis} = {low:.6g} to {high:.6g} m"
         for axis, low, high in zip(axes, points.min(0), points.max(0), strict=True)

@@ -183,9 +183,10 @@ class GroundTable(_OnBase):
 class TerrainTable(_OnBase):
     """Ground under a terrain model, in place of `[slope]`.
 
-    Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra `terrain`) beside the scene; one in degrees, in feet or in
-    a projection whose metres are stretched is refused. Holes (NODATA) may lie outside `polygon` alone. A particle at
-    the surface has the volume and mass of that part of its box which lies below the surface.
+    Rasters are ESRI ASCII grids or GeoTIFFs in metres (extra `terrain`) beside the scene; `"hill.tif#2"` is the second
+    band of one. One in degrees, in feet or in a projection whose metres are stretched is refused. Holes (NODATA) may
+    lie outside `polygon` alone. A particle at the surface has the volume and mass of that part of its box which lies
+    below the surface.
     """
 
     surface: Raster = key("File of the heights of the ground.", "terrain.asc", units="m")

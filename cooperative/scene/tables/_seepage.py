@@ -22,6 +22,7 @@ from cooperative.scene.tables._key import (
     Pair,
     Part,
     PerAxis,
+    Raster,
     Rows,
     Text,
     Within,
@@ -292,6 +293,15 @@ Pressure = Annotated[
 """Total heads (m) of another program: rows [x, z, t, head], in 3D [x, y, z, t, head]."""
 
 
+WaterTables = Annotated[
+    tuple[Annotated[tuple[Time, Raster], Strict(False)], ...],
+    Strict(False),
+    MinLen(1),
+    Field(json_schema_extra={"allowed": 'pairs of a time and a file, [["0 h", "water.asc"], ["12 h", "wet.tif#2"]]'}),
+]
+"""Heights of the water table (m) at times (s), each by the name of a raster, or of a band of it."""
+
+
 def _check_rising(values: tuple[float, ...], where: str, unit: str) -> None:
     """Raise Invalid for numbers of a key that do not rise."""
     for before, after in pairwise(values):
@@ -359,6 +369,15 @@ class Seepage(Part):
         None,
         otherwise="none",
     )
+    water_tables: WaterTables | None = key(
+        "Likewise, under a terrain: times and rasters of the heights of the water table, which is linear between them. "
+        "Water is at rest along each upright line.",
+        [["0 h", "water.asc"], ["12 h", "wet.asc"]],
+        None,
+        units="m",
+        otherwise="none",
+        synonyms="heads head_rasters pressure_rasters water_table rasters",
+    )
     soil: Hydraulics | None = key("Of the ground, `[rain.soil]`.", {"soil_class": "loam"}, None, otherwise="none")
     layer: Annotated[tuple[HydraulicLayer, ...], Strict(False), MaxLen(MOST_LAYERS)] = key(
         "Of layers that differ, `[[rain.layer]]` with the name of each.",
@@ -412,18 +431,24 @@ class Seepage(Part):
 
     @validates(mode="after")
     def _one_source(self) -> Self:
-        if self.pressure is not None:
-            sources = [
-                name for name in ("rate", "level", "initial_rate", "left", "right") if getattr(self, name) is not None
-            ]
+        if self.water_tables is not None:
+            _check_rising(tuple(time for time, _ in self.water_tables), "water_tables", "s")
+        if (given := self.given_by) is not None:
+            names = ("water_tables", "rate", "level", "initial_rate", "left", "right")
+            sources = [name for name in names if name != given and getattr(self, name) is not None]
             sources += ["drains"] if self.drains else []
             sources += ["chart"] if self.chart is not None else []
             if sources and sources != ["level"]:
                 raise Invalid(
-                    (sources[0],), None, "has no effect beside pressure, which another program has computed",
+                    (sources[0],), None, f"has no effect beside {given}, which another program has computed",
                     "leave one of them out",
                 )  # fmt: skip
         return self
+
+    @property
+    def given_by(self) -> str | None:
+        """The key of the pressure that another program has computed, None where the scene has its flow."""
+        return next((name for name in ("pressure", "water_tables") if getattr(self, name) is not None), None)
 
     @property
     def moment(self) -> float:
@@ -441,7 +466,7 @@ class Seepage(Part):
             if isinstance(self, Rain)
             else ("[drawdown]", "level", '[["0 d", 8.0], ["5 d", 2.0]]')
         )
-        if self.pressure is not None:
+        if self.given_by is not None:
             return
         if getattr(self, needed) is None:
             raise ValueError(f"{name} lacks {needed}: add {needed} = {example}, or the pressure of another program")
@@ -491,11 +516,12 @@ class Rain(Seepage):
     """Rain that soaks into the ground, see [water that moves](seepage.md#in-a-scene).
 
     At a time the slope rests under the pore pressure of that time, and is then asked whether it stands. The scene has
-    soil with cohesion and friction, in one layer at least. Without `pressure` it also has a state before time 0:
-    `[water]` at rest below the ground, or `initial_rate`. `r_u`, `strength_ratio`, random unit weights and a random
-    `[water.level]` are refused. A layer that `layer` does not name has `soil`; rock that it does not name lets no water
-    through. A layer with a `soil_class` takes no number from `soil`. [Curves of the soil](seepage.md#soil) have their
-    symbols. A text holds a unit, such as "14 mm/h", "12 h" or "0.9 m/day"; a number is in SI units.
+    soil with cohesion and friction, in one layer at least. Without `pressure` or `water_tables` it also has a state
+    before time 0: `[water]` at rest below the ground, or `initial_rate`. `r_u`, `strength_ratio`, random unit weights
+    and a random `[water.level]` are refused. A layer that `layer` does not name has `soil`; rock that it does not name
+    lets no water through. A layer with a `soil_class` takes no number from `soil`. [Curves of the
+    soil](seepage.md#soil) have their symbols. A text holds a unit, such as "14 mm/h", "12 h" or "0.9 m/day"; a number
+    is in SI units.
     """
 
     @validates(mode="after")
