@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
+import jax
 import numpy as np
 
 from jaxmpm.grid import Particles
 from jaxmpm.ground._base import Heights
 from jaxmpm.ground._ground import Ground
-from jaxmpm.setup import Discretisation, fill
-from jaxmpm.soil import STANDARD_GRAVITY
-from jaxmpm.support.tracing import product
+from jaxmpm.setup import Discretisation
+from jaxmpm.support import check
+from jaxmpm.support.tracing import array
 
 SAMPLED = 4
 """Points along each side of a column of particles at which its surface is sampled."""
@@ -21,6 +21,9 @@ SAMPLED = 4
 
 LEAST_SHARE = 0.02
 """Least share of its box for a particle; with less, its stress would be rounding only."""
+
+AT_ONCE = 10**5
+"""Boxes of the lattice whose shares are found at once: on terrain most of them are air or rock."""
 
 
 def boxes(
@@ -35,45 +38,58 @@ def boxes(
         bedrock: rigid ground, above which they lie; None for none.
 
     Returns:
-        Particles.
+        Particles of density 1.
 
     Raises:
         ValueError: If none is left.
     """
-    dx, dy, dz = discretisation.spacing
-    length, width, height = ground.extent
+    dtype, spacing = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float)), discretisation.spacing
+    (dx, dy, dz), (length, width, height) = spacing, ground.extent
     nx, ny, nz = round(length / dx), round(width / dy), math.ceil(height / dz * (1 - 1e-12))
+    steps = zip(ground.corner, (nx, ny, nz), spacing, strict=True)
+    along, across, z = (start + (np.arange(n) + 0.5) * step for start, n, step in steps)
+    plan = np.meshgrid(along, across, indexing="ij")
+    surface = _samples(ground, ground.heights, spacing, (nx, ny))
+    rock = None if bedrock is None else (_samples(ground, bedrock, spacing, (nx, ny)), bedrock(*plan))
+    positions, shares = [], []
+    rows = max(AT_ONCE // (ny * nz), 1)
+    for part in (slice(start, start + rows) for start in range(0, nx, rows)):
+        share = _below(surface[:, part], nz)
+        if rock is not None:
+            samples, floor = rock
+            share -= _below(samples[:, part], nz)
+            # The volume of a box whose centre lies in the rock goes to the box above it.
+            buried = np.where(z < floor[part, :, None], share, 0)
+            share -= buried
+            share[..., 1:] += np.where(share[..., 1:] > 0, buried[..., :-1], 0)
+        # The volume of a sliver goes to the box below it.
+        sliver = np.where(share < LEAST_SHARE, share, 0)
+        sliver[..., 0] = 0
+        share -= sliver
+        share[..., :-1] += np.where(share[..., :-1] > 0, sliver[..., 1:], 0)
+        i, j, k = np.nonzero(share > 0)
+        position = np.stack([along[part][i], across[j], z[k]])
+        modelled = inside(position)
+        positions.append(position[:, modelled])
+        shares.append(share[i, j, k][modelled])
+    of_box = np.concatenate(shares)
+    if not of_box.size:
+        raise ValueError("the cuts leave no particle: draw the polygon larger, or take smaller particles")
+    volume = array(np.asarray(np.prod(spacing), dtype) * of_box.astype(dtype), dtype)
+    return Particles(array(np.concatenate(positions, axis=1), dtype), mass=volume, volume=volume)
+
+
+def _samples(ground: Ground, heights: Heights, spacing: tuple[float, ...], columns: tuple[int, int]) -> np.ndarray:
+    """Heights of a surface over the base (SAMPLED**2, nx, ny), over the height of a box, at points of each column."""
     x, y = (
         start + (np.arange(n * SAMPLED) + 0.5) * step / SAMPLED
-        for start, n, step in zip(ground.corner, (nx, ny), (dx, dy), strict=False)
+        for start, n, step in zip(ground.corner, columns, spacing, strict=False)
     )
+    z = (heights(*np.meshgrid(x, y, indexing="ij")) - ground.corner[-1]) / spacing[-1]
+    nx, ny = columns
+    return z.reshape(nx, SAMPLED, ny, SAMPLED).transpose(1, 3, 0, 2).reshape(SAMPLED**2, nx, ny)
 
-    def below(heights: Heights) -> np.ndarray:
-        """Share (nx, ny, nz) of each box that lies below a surface."""
-        z = (heights(*np.meshgrid(x, y, indexing="ij")) - ground.corner[-1]) / dz
-        samples = z.reshape(nx, SAMPLED, ny, SAMPLED).transpose(1, 3, 0, 2).reshape(SAMPLED**2, nx, ny, 1)
-        return np.mean([np.clip(sampled - np.arange(nz), 0, 1) for sampled in samples], axis=0)
 
-    steps = zip(ground.corner, (nx, ny, nz), discretisation.spacing, strict=True)
-    centres = np.meshgrid(*(start + (np.arange(n) + 0.5) * step for start, n, step in steps), indexing="ij")
-    share = below(ground.heights)
-    if bedrock is not None:
-        share -= below(bedrock)
-        # The volume of a box whose centre lies in the rock goes to the box above it.
-        buried = np.where(centres[2] < bedrock(*centres[:2]), share, 0)
-        share -= buried
-        share[..., 1:] += np.where(share[..., 1:] > 0, buried[..., :-1], 0)
-    # The volume of a sliver goes to the box below it.
-    sliver = np.where(share < LEAST_SHARE, share, 0)
-    sliver[..., 0] = 0
-    share -= sliver
-    share[..., :-1] += np.where(share[..., :-1] > 0, sliver[..., 1:], 0)
-    modelled = (share.ravel() > 0) & inside(np.stack([axis.ravel() for axis in centres]))
-    if not modelled.any():
-        raise ValueError("the cuts leave no particle: draw the polygon larger, or take smaller particles")
-    particles = fill(
-        (length, width, nz * dz), (dx, dy, dz), unit_weight=STANDARD_GRAVITY, inside=lambda _: modelled,
-        corner=ground.corner, dtype=discretisation.dtype,
-    )  # fmt: skip
-    share_of_each = np.asarray(share.ravel()[modelled], particles.volume.dtype)
-    return replace(particles, volume=product(particles.volume, share_of_each))
+def _below(samples: np.ndarray, boxes: int) -> np.ndarray:
+    """Share (nx, ny, boxes) of each box that lies below a surface."""
+    return np.mean([np.clip(sampled[..., None] - np.arange(boxes), 0, 1) for sampled in samples], axis=0)

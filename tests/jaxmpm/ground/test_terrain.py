@@ -1,6 +1,7 @@
 """Ground under a terrain model: shares of cut boxes, stress at depth, files of heights, and what is refused."""
 
 import tomllib
+import tracemalloc
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from cooperative import runs
 from cooperative.example_scenes import begin
 from cooperative.scene import parse, read_scene, to_toml
 from cooperative.scene._files import packed
+from jaxmpm.ground._boxes import boxes
 from tests.scenes import model_of
 
 CLAY = mpm.Soil(strength=30e3, young=2e7, tension_cutoff=0.0)
@@ -51,6 +53,31 @@ def test_particles_have_the_volume_of_a_hill(cell):
     shape = mpm.Terrain(HILL, base=0.0)
     scene, _ = mpm.terrain(shape, CLAY, on_cells(cell), at_rest=False)
     assert np.sum(scene.particles.volume, dtype=float) == pytest.approx(shape.volume, rel=1e-7)
+
+
+def test_boxes_are_the_same_however_many_are_looked_at_at_once(monkeypatch):
+    rock = raster(lambda x, y: 9.3 - 0.37 * x + 0.11 * y)
+    polygon = ((1.0, 1.0), (15.0, 2.0), (9.0, 7.5))
+    shape = mpm.Terrain(TILTED, base=0.0, bedrock=rock, polygon=polygon, depth=1.5)
+    together = boxes(shape, on_cells(1.0), shape.modelled, shape.floor)
+    monkeypatch.setattr("jaxmpm.ground._boxes.AT_ONCE", 1)
+    row_by_row = boxes(shape, on_cells(1.0), shape.modelled, shape.floor)
+    assert np.array_equal(together.position, row_by_row.position)
+    assert np.array_equal(together.volume, row_by_row.volume)
+
+
+def test_thin_soil_in_a_large_box_takes_little_memory(monkeypatch):
+    rock = raster(lambda x, y: 200.0 - 3 * x, length=60.0, width=30.0, step=10.0)
+    shape = mpm.Terrain(replace(rock, heights=rock.heights + 3.0), base=-10.0, bedrock=rock)
+    lattice = 60 * 30 * 213
+    monkeypatch.setattr("jaxmpm.ground._boxes.AT_ONCE", 10**4)
+    tracemalloc.start()
+    try:
+        soil = boxes(shape, on_cells(2.0), shape.modelled, shape.floor)
+        assert soil.volume.size < lattice / 50
+        assert tracemalloc.get_traced_memory()[1] < 20 * lattice  # bytes: less than three numbers a box
+    finally:
+        tracemalloc.stop()
 
 
 def test_the_stress_under_a_tilted_plane_bears_what_lies_above():
