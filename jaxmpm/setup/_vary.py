@@ -161,6 +161,14 @@ def numbers_of(scene: Scene) -> dict[str, tuple[str, Array]]:
 
     Returns:
         What `with_soil` calls each, and its value, by that name and by the engineer's.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil = mpm.Soil(young=5e6, strength=9e3)
+        >>> scene, _ = mpm.column(10.0, soil, mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+        >>> name, value = mpm.numbers_of(scene)["strength"]
+        >>> name, float(value)
+        ('strength', 9000.0)
     """
     numbers = declared(scene.material)
     walls = {name: (name, getattr(scene.boundary, part)) for name, part in WALL_STRENGTH.items()}

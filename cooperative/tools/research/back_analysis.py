@@ -18,8 +18,7 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from cooperative.tools.research._run import Field, varied_run
-from jaxmpm import Scene, State, objectives, pytree
-from jaxmpm.setup import numbers_of
+from jaxmpm import Scene, State, numbers_of, objectives, pytree
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
 

@@ -105,9 +105,9 @@ def test_a_scene_can_choose_how_its_answers_follow_the_cell():
 
 
 def test_a_scene_knows_every_choice_of_clay_and_grid():
-    text = changed("tension_cutoff = 0.0", "strain_95 = 0.5\nrate_coefficient = 0.1\nsoftening_length = 1.0").replace(
-        "cell = 2.0", 'cell = 2.0\nkernel = "quadratic b-spline"\napic = true\nflip = 0.0\ndamping = 0.1'
-    )
+    text = changed(
+        "softening_modulus = 85e3", "strain_95 = 0.5\nrate_coefficient = 0.1\nsoftening_length = 1.0"
+    ).replace("cell = 2.0", 'cell = 2.0\nkernel = "quadratic b-spline"\napic = true\nflip = 0.0\ndamping = 0.1')
     campaign = parse(text)
     assert (campaign.soil.strain_95, campaign.soil.rate_coefficient, campaign.soil.softening_length) == (0.5, 0.1, 1.0)
     rough = campaign.grids["rough"]

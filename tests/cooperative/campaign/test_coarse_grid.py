@@ -129,5 +129,5 @@ def test_a_coarse_grid_that_does_not_go_with_the_rest_is_refused(old, new, messa
 
 
 def test_a_sweep_with_a_coarse_grid_is_refused():
-    with pytest.raises(ValueError, match=r"\[coarse\] draws others in each"):
+    with pytest.raises(ValueError, match=r"\[coarse\] draws other samples in each campaign"):
         variants(COARSER + "[sweep]\ncov = [0.2, 0.4]\n")

@@ -82,7 +82,7 @@ def trace(does):
 def test_the_controller_goes_from_scene_to_folder_through_its_rooms(tmp_path, monkeypatch, scene, choices):
     invented.invent(put=monkeypatch.setattr)
     way, steps = trace(lambda: campaign.run(scene, tmp_path / "out", **choices))
-    assert way[:2] == ["runs", "scene"]  # settings of JAX first
+    assert way[:3] == ["runs", "store", "scene"]  # settings of JAX first, then what the folder holds
     assert [room for room in way if room in STEPS] == list(STEPS)
     assert set(way) - set(STEPS) <= {"scene", "estimate", "runs", "store"}
     assert {name: rooms - STEPS[name] for name, rooms in steps.items()} == {name: set() for name in STEPS}

@@ -342,7 +342,7 @@ def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
 
 
 def test_what_knows_undrained_strength_alone_says_so():
-    with pytest.raises(ValueError, match="a sweep varies the field of undrained strength"):
+    with pytest.raises(ValueError, match=r"\[sweep\] varies the field of undrained strength"):
         variants(SAND + "[sweep]\ncov = [0.2, 0.4]\n")
 
 
