@@ -32,6 +32,7 @@ from jaxmpm.setup import (
     ordered,
     pseudo_static,
     settled,
+    under_sky,
 )
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil, Interface, law_of_layers, ratio_at_rest, weights
 from jaxmpm.support import check
@@ -350,6 +351,7 @@ def terrain(
     x_plan, y_plan = (at.ravel() for at in nodes_in_plan(grid, shape.walls))
     pressure = pressure_on_base(r_u, layers, shape.tops(layers, x_plan, y_plan), grid.shape[-1], gravity)
     rigid = boundary_of_base(grid, bedrock, shape.interface, pressure, cut=shape.beyond(grid))
+    speed = math.sqrt(gravity * shape.extent[-1]) if speed is None else speed
     built, state = build(
         replace(particles, mass=product(particles.volume, density)),
         grid,
@@ -363,6 +365,9 @@ def terrain(
             water=None if table is None else water_surface(table, spacing, particles.mass.dtype, gravity),
             pore_pressure=pore_pressure_of(r_u, table is not None, z, layers, tops, gravity),
         ),
-        speed=math.sqrt(gravity * shape.extent[-1]) if speed is None else speed,
+        speed=speed,
     )
-    return built, settled(built, state) if at_rest else state
+    state = settled(built, state) if at_rest else state
+    if discretisation.air is None and acceleration[-1] < 0:
+        built = under_sky(built, speed**2 / (-2 * acceleration[-1]))
+    return built, state

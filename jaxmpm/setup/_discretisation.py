@@ -54,8 +54,9 @@ class Discretisation:
         internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which prevents
             softening from localising into single cells; its bands are 2.5 times as thick. None for no average. See
             `cell_independent`.
-        air: height of the grid above the highest ground (m), rounded up to whole cells; None for one cell. Soil that is
-            thrown higher leaves the grid.
+        air: height of the grid above the highest ground (m), rounded up to whole cells. Soil that is thrown higher
+            leaves the grid. None for one cell, and for a throw at the speed that the time step allows for on terrain
+            whose nodes are stored near the soil alone (`follow_soil`), where air costs nothing.
         dtype: float32 or float64; None for that of JAX.
     """
 

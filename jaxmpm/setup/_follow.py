@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import TypeVar
 
+import jax
 import numpy as np
 
 from jaxmpm.support import check
-from jaxmpm.transfer import SPARE, can_follow, with_room
+from jaxmpm.support.tracing import array, host
+from jaxmpm.transfer import AT_NODES, SPARE, can_follow, with_room
 from jaxmpm.types import Scene, State
 
 SPARSE = 8
@@ -15,6 +19,8 @@ SPARSE = 8
 
 FEW = 5000
 """Nodes up to which a grid stores all of them: their part in a step is small."""
+
+Values = TypeVar("Values")
 
 
 def follow_soil(scene: Scene, state: State | None = None) -> Scene:
@@ -68,3 +74,31 @@ def follow_sparse_soil(scene: Scene) -> Scene:
     following = follow_soil(scene)
     stored = following.grid.stored or grid.nodes
     return following if grid.nodes * SPARE >= SPARSE * stored else scene
+
+
+def under_sky(scene: Scene, height: float) -> Scene:
+    """The scene with so much more air (m) over its grid, where nodes near soil alone are stored: it costs no step.
+
+    Args:
+        scene: to run.
+        height: of the air (m); no more than doubles the grid.
+
+    Returns:
+        The scene itself if it stores all nodes. Nodes in the air are held as is the highest of their column.
+    """
+    grid, levels = scene.grid, scene.grid.shape[-1]
+    if grid.stored is None:
+        return scene
+    more = math.ceil(min(height / grid.cell, levels))
+
+    def raised(values: Values) -> Values:
+        def of_leaf(leaf: jax.Array) -> jax.Array:
+            columns = leaf.reshape(-1, levels, *leaf.shape[1:])
+            wider = [(0, more) if axis == 1 else (0, 0) for axis in range(columns.ndim)]
+            return array(host(leaf).pad(columns, wider, mode="edge").reshape(-1, *leaf.shape[1:]), leaf.dtype)
+
+        return jax.tree.map(lambda leaf: of_leaf(leaf) if np.ndim(leaf) else leaf, values)
+
+    at_nodes = {name: raised(getattr(scene.boundary, name)) for name in AT_NODES}
+    grid = replace(grid, shape=(*grid.shape[:-1], levels + more))
+    return replace(scene, grid=grid, boundary=replace(scene.boundary, **at_nodes))

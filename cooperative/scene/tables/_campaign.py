@@ -91,7 +91,7 @@ class CampaignGrid(Part):
     )  # fmt: skip
     air: Length | None = key(
         "Height of the grid above the highest ground; a run whose soil is thrown higher breaks off.", 6.0, None,
-        otherwise="a cell",
+        otherwise="a cell; on terrain in a box of mostly air or rock half its height more",
     )  # fmt: skip
 
     def discretisation(self, cfl: float, soil: AnySoil, *, endless: bool) -> Discretisation:

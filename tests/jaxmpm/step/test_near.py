@@ -1,5 +1,6 @@
 """Nodes stored near soil alone: the answers of a grid that stores all, and room for soil that spreads."""
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -14,6 +15,7 @@ import jaxmpm as mpm
 from jaxmpm.equations import closed, gaps
 from jaxmpm.grid import Grid, Wall
 from jaxmpm.run import lanes, repeat
+from jaxmpm.setup import under_sky
 from jaxmpm.transfer import GIMP, beside, g2p, near_soil, of_all, of_stored, p2g, with_room, within_cells
 from jaxmpm.transfer._near import near_nodes
 from jaxmpm.types import Engine
@@ -202,6 +204,54 @@ def test_soil_that_spreads_far_gets_more_nodes_and_ends_as_on_a_grid_that_stores
     assert roomy.grid.stored > scene.grid.stored
     rest = mpm.solve(roomy, replace(full, status=jnp.int32(0)), t_end=1.5 - float(full.step * scene.numerics.time_step))
     assert np.array_equal(rest.state.displacement, ended.state.displacement)
+
+
+@pytest.mark.usefixtures("x64")
+def test_soil_thrown_beyond_the_box_of_a_terrain_flies_on_and_ends_at_the_top_of_the_sky():
+    rock = mpm.Raster(np.add.outer(60.0 - 2 * np.arange(31.0), np.zeros(21)), (0.0, 0.0), 2.0)
+    crest = rock.points()[0] < 8
+    pile = replace(rock, heights=rock.heights + np.where(crest, 3.0, 0.0).reshape(rock.heights.shape))
+    shape = mpm.Terrain(pile, base=-4.0, bedrock=rock, interface=mpm.Interface(30.0))
+
+    def thrown_up(speed, **choices):
+        numerics = mpm.Discretisation(2.0, (1.0,) * 3, **choices)
+        scene, state = mpm.terrain(shape, CLAY, numerics, at_rest=False, speed=20.0)
+        return scene, replace(state, velocity=state.velocity.at[2].set(speed))
+
+    (scene, state), (boxed, _), (high, _) = thrown_up(15.0), thrown_up(15.0, air=2.0), thrown_up(15.0, air=24.0)
+    assert scene.grid.stored == boxed.grid.stored < boxed.grid.nodes / 8
+    # A throw at the speed that the step allows for: 20 m/s.
+    assert scene.grid.shape[2] == boxed.grid.shape[2] + math.ceil(20**2 / (2 * 9.81) / 2)
+    ended = mpm.solve(scene, state, t_end=2.5, snapshots=[1.5]).raise_if_failed()
+    top = boxed.grid.origin[2] + boxed.grid.cell * (boxed.grid.shape[2] - 1)
+    assert mpm.solve(boxed, state, t_end=2.5).status == mpm.Status.OUTSIDE_GRID
+    assert float(jnp.max((scene.particles.position + ended.snapshots[0].displacement)[2])) > top + 5
+    theirs = mpm.solve(everywhere(high), state, t_end=2.5).raise_if_failed()
+    close(ended.state.displacement, theirs.state.displacement)
+    _, faster = thrown_up(26.0)
+    beyond = mpm.solve(scene, faster, t_end=3.5)
+    assert beyond.status == mpm.Status.OUTSIDE_GRID
+    assert float(jnp.max((scene.particles.position + beyond.state.displacement)[2])) > top + 18
+
+
+def test_what_constrains_the_sky_is_what_constrains_the_highest_nodes():
+    polygon = ((2.0, 0.5), (9.0, 0.5), (9.0, 5.5), (2.0, 5.5))
+    scene, _ = on_bedrock(CLAY, polygon=polygon, interface=mpm.Interface(20.0))
+    assert under_sky(everywhere(scene), 3.0).grid == everywhere(scene).grid
+    scene = mpm.follow_soil(scene)
+    levels, higher = scene.grid.shape[-1], under_sky(scene, 3.0)
+    assert higher.grid.shape == (*scene.grid.shape[:-1], levels + 3)
+    assert under_sky(scene, 1e9).grid.shape[-1] == 2 * levels
+
+    def in_columns(scene):
+        held = scene.boundary
+        return [np.asarray(values).reshape(scene.grid.shape) for values in (held.cut, held.base.area)]
+
+    (cut, base), (raised_cut, area) = in_columns(scene), in_columns(higher)
+    assert cut[..., -1].any()
+    assert np.array_equal(raised_cut, np.concatenate([cut, *[cut[..., -1:]] * 3], axis=-1))
+    assert np.array_equal(area[..., :levels], base)
+    assert not area[..., levels:].any()
 
 
 def test_lanes_have_nodes_of_their_own():
