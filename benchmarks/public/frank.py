@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxmpm as mpm
+from benchmarks.measure import on_cores
 from benchmarks.public.rows import Row, row
 
 Made = Callable[[], list[Row]]
@@ -32,15 +33,17 @@ def published(data: Path) -> tuple[np.ndarray, np.ndarray]:
     return bed, pile
 
 
-def built(bed: np.ndarray, pile: np.ndarray, delta: float, cell: float) -> tuple[mpm.Scene, mpm.State]:
-    """The pile at rest on its bed, whose friction is `delta` (degrees), on cells of this size (m)."""
+def built(
+    bed: np.ndarray, pile: np.ndarray, delta: float, cell: float, *, at_rest: bool = True
+) -> tuple[mpm.Scene, mpm.State]:
+    """The pile, at rest or free of stress, on its bed with friction `delta` (degrees), on cells of this size (m)."""
     rasters = [mpm.Raster(heights, (0.0, 0.0), STEP) for heights in (bed + pile, bed)]
     base = math.floor(bed.min() / STEP - 1) * STEP
     shape = mpm.Terrain(rasters[0], base=base, bedrock=rasters[1], interface=mpm.Interface(delta))
     phi = math.degrees(math.asin(math.tan(math.radians(delta))))
     soil = mpm.FrictionalSoil(0.0, phi, unit_weight=DENSITY * 9.81, young=YOUNG, tension_cutoff=0.0, unusual=True)
     numerics = mpm.Discretisation(cell, (cell / 2,) * 3, cfl=0.9, dtype="float32")
-    return mpm.terrain(shape, soil, numerics, speed=FASTEST)
+    return mpm.terrain(shape, soil, numerics, speed=FASTEST, at_rest=at_rest)
 
 
 def slide(data: Path, delta: int, cell: float, finest: bool) -> list[Row]:
@@ -86,11 +89,28 @@ def slide(data: Path, delta: int, cell: float, finest: bool) -> list[Row]:
     return [*rows, one("overlap over union of the deposits above 1 m", both / either, 1.0)]
 
 
+def cost(data: Path, cell: float) -> list[Row]:
+    """Cost with nodes near the soil alone, beside that with all nodes as theirs; each in a process of its own."""
+    start = time.perf_counter()
+    near, every = (
+        on_cores(1, "benchmarks.public.frank_cost", str(data), str(cell), nodes) for nodes in ("near", "all")
+    )
+    named = {
+        "setup_cpu_s": "CPU time of set-up (s)",
+        "step_us": "CPU time of a step (us)",
+        "peak_mb": "peak memory (MB)",
+    }
+    case = "Frank slide, nodes near soil beside all"
+    return [row(case, quantity, near[name], every[name], start, cell=cell) for name, quantity in named.items()]
+
+
 def cases(data: Path, quick: bool) -> dict[str, Made]:
     """The cases by name."""
     cells = (40.0,) if quick else (40.0, 20.0)
-    return {
+    made: dict[str, Made] = {f"frank cost {cell:g}": partial(cost, data, cell) for cell in cells}
+    made |= {
         f"frank {delta} {cell:g}": partial(slide, data, delta, cell, cell == cells[-1])
         for cell in cells
         for delta in (25, 10)
     }
+    return made
