@@ -11,6 +11,9 @@ from importlib import import_module
 
 from cooperative._arguments import parser
 
+UNREAD = 128 + 13
+"""Exit code where nobody reads the output any longer: that of a program which SIGPIPE ends."""
+
 
 def _open_streams() -> None:
     """Open each standard stream that is closed to nowhere.
@@ -30,15 +33,31 @@ def _open_streams() -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command.
-
-    Ctrl-C ends the process without a word while its libraries load, which takes seconds: nothing has begun. Whoever
-    waits at a terminal reads that they load.
+    """Run a command. It ends without a word where whoever reads its output leaves, as `head` does.
 
     Returns:
         The exit code.
     """
     _open_streams()
+    try:
+        try:
+            return _answer(arguments)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Python writes at its end what is still kept of both streams.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(nowhere, stream.fileno())
+        return UNREAD
+
+
+def _answer(arguments: list[str] | None) -> int:
+    """Run a command, and return its exit code.
+
+    Ctrl-C ends the process without a word while its libraries load, which takes seconds: nothing has begun. Whoever
+    waits at a terminal reads that they load.
+    """
     args = parser().parse_args(arguments)
     # XLA writes to stderr about the tuning of programs that it reads from its cache.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")

@@ -439,6 +439,9 @@ def execute(args: argparse.Namespace) -> int:
 
     Returns:
         The exit code.
+
+    Raises:
+        BrokenPipeError: whoever read the output has left.
     """
     if args.command in LIBRARIES:
         from cooperative import runs
@@ -448,6 +451,8 @@ def execute(args: argparse.Namespace) -> int:
                 runs.keep_compiled()
                 runs.set_flags()
             COMMANDS[args.command](args)
+    except BrokenPipeError:  # of whoever read the output
+        raise
     except (ValueError, OSError) as error:
         # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.
         own = isinstance(error, OSError) and error.filename is None and error.strerror

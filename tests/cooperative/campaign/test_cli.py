@@ -306,6 +306,22 @@ def test_what_computes_nothing_loads_no_jax(arguments, tmp_path):
     assert done.stdout.splitlines()[-1] == "False False"
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("arguments", [["new"], ["example", "demo"], ["status", "none"]], ids=" ".join)
+def test_a_command_whose_reader_leaves_ends_without_a_word(arguments, unbuffered, tmp_path):
+    """As `head` leaves; a shell shows 141 for a program that SIGPIPE ended. Errors go to the closed pipe as well."""
+    command, environment = [sys.executable, "-m", "cooperative", *arguments], os.environ | {"PYTHONPATH": str(ROOT)}
+    read, write = os.pipe()
+    os.close(read)
+    errors = write if arguments[0] == "status" else subprocess.PIPE
+    with open(write, "wb"):
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment | {"PYTHONUNBUFFERED": unbuffered}, stdout=write, stderr=errors
+        )
+    assert done.returncode == 141
+    assert not done.stderr
+
+
 class Terminal(io.StringIO):
     def isatty(self):
         return True
