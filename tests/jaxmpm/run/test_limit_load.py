@@ -289,14 +289,15 @@ def least_by_circles(section, weight, active, simple, passive):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("active", "passive"), [(1.0, 1.0), (1.3, 0.7)])
-def test_strength_by_direction_has_the_factor_of_slip_circles(active, passive):
-    section = [(0, 5), (6, 5), (12, 1), (20, 1)]  # eight cells high, which resist by some hundredths
+@pytest.mark.parametrize(("active", "passive", "cell"), [(1.0, 1.0, 0.5), (1.3, 0.7, 0.25)])
+def test_strength_by_direction_has_the_factor_of_slip_circles(active, passive, cell):
+    """Eight cells of height give 0.4 % more, with strength by direction 2.1 %, and sixteen there 0.2 % less."""
+    section = [(0, 5), (6, 5), (12, 1), (20, 1)]
     strengths = 16e3 * active, 16e3, 16e3 * passive
-    numerics = mpm.Discretisation(0.5, (0.25, 0.25), cell_average=True)
+    numerics = mpm.Discretisation(cell, (cell / 2, cell / 2), cell_average=True)
     scene, state = mpm.section(mpm.Section(section), mpm.AnisotropicSoil(*strengths, unit_weight=20e3), numerics)
-    result = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(0.8, 2.2))
-    assert result.kink == pytest.approx(least_by_circles(section, 20e3, *strengths), rel=0.03)
+    result = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(1.1, 1.6), batch=3)
+    assert result.kink == pytest.approx(least_by_circles(section, 20e3, *strengths), rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["Cam Clay", "anisotropic"])
