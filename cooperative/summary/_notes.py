@@ -43,7 +43,8 @@ def notes_of(
             + (")" if load.sharpness is None else f", displacement grows {load.sharpness:.3g} times as fast beyond)")
         )
         notes += doubts(load, campaign.least_volume or "any soil")
-    notes += [*_loads(campaign), *_other_face(campaign), *phases.estimate.notes, *_walls_reached(rough, refined)]
+    notes += [*_loads(campaign), *_other_face(campaign), *phases.estimate.notes]
+    notes += walls_reached("refined", refined) or walls_reached("rough", rough)
     if campaign.raised is not None:
         allowed = campaign.raised
         notes.append(f"the folder allows {allowed.refined_runs} refined runs, the scene {allowed.scene}")
@@ -132,15 +133,17 @@ def _other_face(campaign: Campaign) -> list[str]:
     ]
 
 
-def _walls_reached(rough: Rows, refined: Rows) -> list[str]:
-    """Name the walls that slides have reached, on the refined grid or, where nothing slid on it, the rough one."""
-    for grid, rows in (("refined", refined), ("rough", rough)):
-        reached = [wall for walls in rows.columns.get("walls", ()) for wall in str(walls).split("; ") if wall]
-        if reached:
-            return [
-                f"the slide reached {wall if wall == EDGE else f'the wall at {wall}'}, which held it, in {count} "
-                f"{grid} run{'s' if count > 1 else ''}: "
-                f"{'draw it farther out' if wall == EDGE else 'lengthen the ground'} there"
-                for wall, count in sorted(Counter(reached).items())
-            ]
-    return []
+def walls_reached(grid: str, rows: Rows) -> list[str]:
+    """Name the walls that slides have reached.
+
+    Args:
+        grid: of the runs, "rough" or "refined".
+        rows: of it.
+    """
+    reached = [wall for walls in rows.columns.get("walls", ()) for wall in str(walls).split("; ") if wall]
+    return [
+        f"the slide reached {wall if wall == EDGE else f'the wall at {wall}'}, which held it, in {count} "
+        f"{grid} run{'s' if count > 1 else ''}: "
+        f"{'draw it farther out' if wall == EDGE else 'lengthen the ground'} there"
+        for wall, count in sorted(Counter(reached).items())
+    ]

@@ -12,7 +12,7 @@ from cooperative.estimate import Correlation, Estimate, Phases, Slides, after_mo
 from cooperative.runs import name_of_rank, phases_of, warnings_of
 from cooperative.scene import Campaign
 from cooperative.store import GRIDS, Rows, mixed_versions
-from cooperative.summary._notes import notes_of
+from cooperative.summary._notes import notes_of, walls_reached
 from cooperative.summary._slides import consequences_of, modes_of, out_of_range
 from cooperative.summary._values import (
     CampaignCost,
@@ -151,7 +151,8 @@ def summarise_slides(
     Returns:
         The numbers, with what each slide stands for where it ran on the refined grid.
     """
-    rows = slid["refined"] if asked["refined"] else slid["rough"]
+    grid = "refined" if asked["refined"] else "rough"
+    rows = slid[grid]
     count = len(rows.numbers)
     weight = np.full(count, estimate.probability / max(count, 1))
     slides = Slides(np.ones(count, bool), np.ones(count, bool), weight, ())
@@ -182,7 +183,7 @@ def summarise_slides(
             after_more_runs=MoreRuns(0, None, samples - refined, None),
         ),
         warnings=tuple(warnings_of(campaign)),
-        notes=(*estimate.notes, *filter(None, limits)),
+        notes=(*estimate.notes, *walls_reached(grid, rows), *filter(None, limits)),
     )
 
 

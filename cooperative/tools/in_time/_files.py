@@ -323,7 +323,8 @@ def lines(result: InTime, slides: SlidesInTime | None = None) -> Iterator[str]:
         low, high = estimate.interval
         first = f"{result.counts('rough')[at]:4d}{_slid(slides, at)}"
         yield f"  {in_hours(time):>8}  {estimate.probability:6.3f}  ({low:.3f} to {high:.3f})  {first}"
-    for note in dict.fromkeys(note for each in result.estimates for note in each.notes):
+    of_times = (note for each in result.estimates for note in each.notes)
+    for note in dict.fromkeys([*of_times, *(slides.notes if slides else ())]):
         yield f"    {note}"
     yield "    a sample that has failed at a time counts as failed after it"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cooperative.estimate import Bracket, record_lows
+from cooperative.folder import known_summary
 from cooperative.names import GRIDS
 from cooperative.reporting import GridProgress, Progress, controller_of
 from cooperative.scene import Campaign, campaign_of
@@ -39,10 +40,11 @@ def read_in_time(folder: str | Path) -> tuple[InTime, SlidesInTime]:
     runner = _reader(_kept(folder, chart=False))
     result = answered(runner, lambda _: None)
     chosen = to_slide(result)
-    rows = rows_of_slides(runner.kept.store, chosen)[result.grid]
+    slid = rows_of_slides(runner.kept.store, chosen)
+    rows, summary = slid[result.grid], known_summary(runner.kept.store, slid)
     if len(rows.numbers) < len(chosen):
         runner.stop.check()
-    return result, slides_of_rows(rows, chosen, result.grid)
+    return result, slides_of_rows(rows, chosen, result.grid, () if summary is None else summary.notes)
 
 
 def read_chart(folder: str | Path) -> Chart:

@@ -13,7 +13,7 @@ from cooperative.folder import Results, models_of, write_results
 from cooperative.measure import SEVERITY
 from cooperative.names import GRIDS
 from cooperative.store import FAILED_AT, SLIDES_IN_TIME, Rows, Store, read_rows, write_sample
-from cooperative.summary import summarise_slides
+from cooperative.summary import Summary, summarise_slides
 from cooperative.tools.in_time._answer import InTime, running, states_in_time
 from cooperative.tools.seepage import in_hours
 
@@ -26,11 +26,13 @@ class SlidesInTime:
         grid: on which they ran.
         at: number of the time of the first failure of each (n,).
         columns: (n,) each, of their rows: sample, displacement, runout, depth, volume, area, mode and others.
+        notes: what limits them, in words.
     """
 
     grid: str
     at: np.ndarray
     columns: dict[str, np.ndarray]
+    notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> np.ndarray:
         """A measure of the slides (n,), nan of one that broke off; a name that no slide has is nan for all."""
@@ -79,9 +81,8 @@ def slides_in_time(
             if left:
                 progress(f"{grid} grid: {len(left)} slides from {in_hours(time)}")
         rows = rows_of_slides(store, chosen)
-        if rows[grid].numbers:
-            summarised(store, result, rows)
-    return slides_of_rows(rows[grid], chosen, grid)
+        notes = summarised(store, result, rows).notes if rows[grid].numbers else ()
+    return slides_of_rows(rows[grid], chosen, grid, notes)
 
 
 def to_slide(result: InTime) -> dict[int, int]:
@@ -99,8 +100,8 @@ def rows_of_slides(store: Store, chosen: Container[int]) -> dict[str, Rows]:
     }
 
 
-def summarised(store: Store, result: InTime, rows: Mapping[str, Rows]) -> None:
-    """Keep what the slides are in numbers, and what draws them, as a campaign does."""
+def summarised(store: Store, result: InTime, rows: Mapping[str, Rows]) -> Summary:
+    """What the slides are in numbers, kept with what draws them, as a campaign does."""
     models, last = models_of(result.campaign), len(result.times)
     runs.keep_ground(store.folder, models)
     asked = {
@@ -109,8 +110,9 @@ def summarised(store: Store, result: InTime, rows: Mapping[str, Rows]) -> None:
     }
     summary = summarise_slides(result.campaign, result.estimates[-1], rows, asked)
     write_results(Results(store, runs.ground_of(models), rows["rough"], rows["refined"], summary), models)
+    return summary
 
 
-def slides_of_rows(rows: Rows, chosen: Mapping[int, int], grid: str) -> SlidesInTime:
+def slides_of_rows(rows: Rows, chosen: Mapping[int, int], grid: str, notes: tuple[str, ...]) -> SlidesInTime:
     """The slides of a table."""
-    return SlidesInTime(grid, np.array([chosen[number] for number in rows.numbers], int), rows.columns)
+    return SlidesInTime(grid, np.array([chosen[number] for number in rows.numbers], int), rows.columns, notes)

@@ -16,7 +16,7 @@ from cooperative.runs import phases_of
 from cooperative.scene import Budget, Calibration, LimitLoad, parse
 from cooperative.store import Rows
 from cooperative.summary import Risk, Summary, summarise
-from cooperative.summary._notes import _walls_reached
+from cooperative.summary._notes import walls_reached
 from tests.cooperative.campaign.test_campaign import TINY
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.estimate.test_twophase import pair
@@ -207,7 +207,7 @@ def test_numbers_that_are_not_finite_are_null_in_json_and_other_json_is_no_summa
 
 def test_walls_are_named_with_how_many_runs_reached_them():
     refined = rows([0, 1, 2], [5.0, 5.0, 0.1], walls=np.array(["x = 0 m; x = 84 m", "x = 84 m", ""]))
-    assert _walls_reached(rows([], []), refined) == [
+    assert walls_reached("refined", refined) == [
         "the slide reached the wall at x = 0 m, which held it, in 1 refined run: lengthen the ground there",
         "the slide reached the wall at x = 84 m, which held it, in 2 refined runs: lengthen the ground there",
     ]

@@ -125,7 +125,8 @@ def test_first_failures_are_those_of_all_runs_at_all_times(asked, tmp_path):
 def slide(number: int, coefficients) -> FinishedRun:
     """What a slide of a sample is said to do; of every fifth one it broke off."""
     row = {"displacement": 2.0 + number, "broke_off": number % 5 == 0}
-    row |= {} if row["broke_off"] else {"runout": 3.0 + number, "volume": 10.0, "mode": ("deep", "shallow")[number % 2]}
+    mode = ("deep", "shallow")[number % 2]
+    row |= {} if row["broke_off"] else {"runout": 3.0 + number, "volume": 10.0, "mode": mode, "walls": "x = 40 m"}
     return FinishedRun(number, "SETTLED", 9, 0.1, coefficients, row)
 
 
@@ -178,7 +179,11 @@ def test_samples_that_fail_slide_to_their_end_and_are_kept(tmp_path, monkeypatch
     page = (tmp_path / "report.html").read_text()
     assert f"{len(each) - len(whole)} of them broke off" in page
     assert f"{result.estimates[-1].probability:.3g}" in page
-    assert f"{result.counts('refined')[1]} slid, run-out" in "\n".join(lines(result, slides))
+    words = "\n".join(lines(result, slides))
+    assert f"{result.counts('refined')[1]} slid, run-out" in words
+    wall = f"the slide reached the wall at x = 40 m, which held it, in {len(whole)} refined runs"
+    assert wall in page
+    assert wall in words
 
 
 @pytest.mark.usefixtures("screened", "asked")
@@ -333,6 +338,7 @@ def test_a_folder_is_read_again_without_a_run(tmp_path, monkeypatch, capsys):
         np.testing.assert_array_equal(again.rough, result.rough)
         assert again.refined == result.refined
         assert again.estimates == result.estimates
+        assert slid.notes == slides.notes
         assert again.runs == result.runs
         np.testing.assert_array_equal(slid.columns["sample"], slides.columns["sample"])
         assert main(["status", folder]) == 0
