@@ -52,7 +52,7 @@ QUESTIONS = (
     Question("Two cores to a COV of 10 % of it", "campaign", "hours_to_cov_10", "h", high=1.2),
     Question("The same with default settings", "campaign", "hours_to_cov_10_default", "h", high=1.8),
     Question("On top, slides of the failures to their end", "campaign", "hours_slides", "h"),
-    Question("Factors of safety of 18 known slopes, worst error", "stability_of_slopes", "fos_error_max", high=0.04),
+    Question("Factors of safety of 26 known slopes, worst error", "stability_of_slopes", "fos_error_max", high=0.04),
     Question("The same by limit equilibrium", "limit_equilibrium", "lem_error_max"),
     Question("Newmark's block, a rectangular pulse: error", "earthquakes", "newmark_rectangular_error", high=0.01),
     Question("The same, a sine", "earthquakes", "newmark_harmonic_error", high=0.01),
