@@ -68,7 +68,7 @@ class Files:
         return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
 
     def table(self, terrain: tables.TerrainTable | None) -> dict[str, object]:
-        """The table `files`: of a raster the part between the walls of [terrain], at its step."""
+        """The table `files`: of a raster the part between the walls of [terrain], at its step if that reaches them."""
         content = dict(self.known)
         for name, each in self.known.items():
             if isinstance(each, Raster) and terrain is not None:
@@ -77,7 +77,10 @@ class Files:
                     each = each.cropped(terrain.x or x, terrain.y or y)
                 except ValueError as error:
                     raise ValueError(f"{name} does not reach the walls: {error}") from error
-                each = each if terrain.step is None else each.resampled(terrain.step)
+                if terrain.step is not None:
+                    stepped = each.resampled(terrain.step)
+                    ends = zip(stepped.ends, (terrain.x, terrain.y), strict=True)
+                    each = stepped if all(wall is None or wall[1] <= end[1] + 1e-6 for end, wall in ends) else each
             if isinstance(each, Raster | BaseMotion):
                 content[name] = packed(name, each)
         return content

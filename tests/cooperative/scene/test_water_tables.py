@@ -132,3 +132,14 @@ def test_a_section_takes_points_instead(folder):
     text = scene(re.sub("pressure = .*", f"water_tables = {TABLES}", at_rest_at(1.0)), "", HEAD)
     with pytest.raises(ValueError, match="the ground is a section: give pressure, rows of x, z, t and head"):
         campaign_of(folder, text)
+
+
+@pytest.mark.parametrize("off", [0.0, -0.5, -1.0])
+def test_a_raster_of_another_corner_reaches_the_walls_at_any_step(folder, tmp_path, off):
+    corner = tuple(first - STEP / 2 for first in ORIGIN)
+    (tmp_path / "hill.asc").write_text((folder / "hill.asc").read_text())
+    x = np.meshgrid(STEP * np.arange(12), STEP * np.arange(12), indexing="ij")[0] - STEP + off
+    for name, hours in (("low.asc", 0), ("high.asc", 1)):
+        (tmp_path / name).write_text(raster(level(x, hours), tuple(first - STEP + off for first in corner)))
+    campaign = campaign_of(tmp_path, SCENE.replace("base = 0.0\n", "base = 0.0\nstep = 3.0\n"))
+    np.testing.assert_allclose(campaign.flow.heads(0.0).at(POINT), level(POINT[0], 0) - POINT[-1], atol=1e-3)
