@@ -84,11 +84,13 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
         scene, state, tensors.entries(gradient), dt, maps
     )
     inputs = strained.strain, strained.stress, state.history, dt
-    gap = state.gap
+    gap, volume_ratio = state.gap, strained.volume_ratio
     if gap is not None and scene.numerics.gap_average:
         # As the strain is: otherwise loose sand lies for ever beside sand that bears its weight. Clay loses energy.
+        # The volume follows: soil that bore pressure in a volume with a gap would be too stiff for its mass.
         averaged = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
-        gap = jnp.where(frictional(scene.material), averaged, gap)
+        averaged = jnp.where(frictional(scene.material), averaged, gap)
+        gap, volume_ratio = averaged, volume_ratio * jnp.exp(averaged - gap)
     law = at_time(scene.material, (state.step + 1) * dt)
     stress, history, gap = update_with_gap(law, *inputs, gap=gap, logarithmic=scene.numerics.finite_strain)
     unaveraged = state.unaveraged
@@ -99,11 +101,11 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
         history = with_skeleton(history, before)
     if scene.numerics.finite_strain:
         # Stored first: otherwise XLA on CPU divides all components in the one loop that computes them.
-        components = tensors.compress(tensors.row_by_row(stress), d) / strained.volume_ratio
+        components = tensors.compress(tensors.row_by_row(stress), d) / volume_ratio
     else:
         components = tensors.compress(stress, d)
     state = replace(state, stress=components, history=history, unaveraged=unaveraged, gap=gap)
-    return replace(state, volume_ratio=strained.volume_ratio)
+    return replace(state, volume_ratio=volume_ratio)
 
 
 class Strained(NamedTuple):

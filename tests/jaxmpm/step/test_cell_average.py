@@ -211,8 +211,10 @@ def test_a_gap_belongs_to_its_cell():
     loose = replace(state, stress=jnp.zeros_like(state.stress), gap=opened)
     maps = Maps(scene, scene.particles.position)
     still = jnp.zeros((2, 2, opened.size), jnp.float32)
-    after = update_stress(scene, loose, still, jnp.asarray(1e-4, jnp.float32), maps).gap
-    volume = scene.particles.volume
+    strained = update_stress(scene, loose, still, jnp.asarray(1e-4, jnp.float32), maps)
+    after, volume = strained.gap, scene.particles.volume
+    # Soil that bears pressure once its gap has closed fills its own volume, and is as stiff as its mass allows.
+    assert np.allclose(jnp.log(strained.volume_ratio / loose.volume_ratio), after - opened, atol=1e-6)
     assert np.allclose(after, within_cells(scene.grid, maps.position, opened, volume), rtol=1e-5)
     assert float(jnp.max(jnp.abs(after - opened))) > 0.005
     assert np.isclose(jnp.sum(volume * after), jnp.sum(volume * opened), rtol=1e-5)
