@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._files import to_toml
-from cooperative.scene._typed import read_scene, with_files
+from cooperative.scene._typed import read_scene, text_of, with_files
 from cooperative.scene._variants import campaigns_of
 from cooperative.store import Source
 from jaxmpm.support.check import Faults, faults_of
@@ -68,7 +68,7 @@ def check_scene(path: Path, then: Callable[[Campaign], None], *, outside: bool =
 
 def _tables(path: Path) -> dict[str, object] | None:
     """The tables of a scene's file, to be changed; None where it keeps its files itself."""
-    read = deepcopy(dict(Source(path.read_text(encoding="utf-8-sig")).tables))
+    read = deepcopy(dict(Source(text_of(path)).tables))
     return None if "files" in read else read
 
 

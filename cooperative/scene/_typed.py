@@ -157,7 +157,7 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
     if path.stat().st_size > LARGEST:
         raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
     try:
-        return with_files(_text_of(path), path.parent, outside=outside)
+        return with_files(text_of(path), path.parent, outside=outside)
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
 
@@ -185,7 +185,7 @@ def with_files(text: str, folder: Path, *, outside: bool) -> Source:
     return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
 
 
-def _text_of(path: Path) -> str:
+def text_of(path: Path) -> str:
     """The text of a scene, in UTF-8 as TOML is, or in an encoding that its first bytes state."""
     data = path.read_bytes()
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):

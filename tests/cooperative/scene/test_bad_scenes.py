@@ -10,9 +10,10 @@ from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
-from cooperative.scene import SEVERAL, TABLES, parse, read_scene
+from cooperative.scene import SEVERAL, TABLES, check_scene, parse, read_scene
 from cooperative.scene.tables import _reading, keys
 from cooperative.store import scene_digest
+from jaxmpm.support.check import Faults
 from tests.cooperative.campaign.test_campaign import SCENES, TINY
 
 
@@ -114,6 +115,20 @@ def test_a_scene_is_read_in_the_encoding_that_it_states(encoding, end, tmp_path)
     named = "# B\u00f6schung\n" + TINY
     path.write_bytes(named.replace("\n", end).encode(encoding))
     assert read_scene(path).text == named
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["unix", "windows", "mac"])
+def test_all_faults_of_a_scene_are_named_in_any_encoding(encoding, end, tmp_path):
+    path = tmp_path / "scene.toml"
+    faulty = TINY.replace("samples = ", "wobble = 3\nsamples = -")
+    assert faulty != TINY
+    text = ("\ufeff" * (encoding == "utf-16-be") + faulty).replace("\n", end)
+    path.write_bytes(text.encode(encoding))
+    with pytest.raises(Faults) as refused:
+        check_scene(path, lambda _: None)
+    assert any("wobble" in fault for fault in refused.value.faults)
+    assert any("samples" in fault for fault in refused.value.faults)
 
 
 @pytest.mark.parametrize(
