@@ -223,13 +223,17 @@ def bridged(scene: Scene, levels: Array, force: Array, gap: Array | None) -> Arr
     """
     grid = scene.grid
     d, upright = grid.dimension, grid.dimension - 1
-    between = jnp.cumsum(levels.reshape(*grid.shape, d), axis=upright)
+    between = _added_up(levels.reshape(*grid.shape, d), upright)
     filled, traction = between[..., 0] / grid.cell ** (d - 1), between[..., 1:]
-    around = _with_rock(scene, filled, gap)
+    around = jnp.pad(_with_rock(scene, filled, gap), [(0, 0)] * upright + [(2, 2)])
+
+    def beyond(cells: int) -> Array:
+        """Filled share of the cells so many further up."""
+        return jax.lax.slice_in_dim(around, 2 + cells, 2 + cells + grid.shape[upright], axis=upright)
 
     def full(side: int) -> Array:
         """Filled share of the cells on this side, the first or, where soil reaches through it, the second."""
-        first, second = (shifted(around, side * count, upright) for count in (1, 2))
+        first, second = beyond(side), beyond(2 * side)
         return first + jnp.clip(first / REACHES, 0, 1) * jnp.maximum(second - first, 0)
 
     beside = jnp.minimum(jnp.minimum(full(1), full(-1)), 1)
@@ -238,6 +242,13 @@ def bridged(scene: Scene, levels: Array, force: Array, gap: Array | None) -> Arr
     lacking = (gap / (1 - gap))[..., None] * traction
     change = lacking - shifted(lacking, -1, upright)
     return force + jnp.pad(change, [(0, 0)] * d + [(0, 1)]).reshape(force.shape)
+
+
+def _added_up(field: Array, axis: int) -> Array:
+    """Sums along an axis, one level after the other: on CPU a third of what `jnp.cumsum` takes."""
+    rows = jnp.moveaxis(field, axis, 0)
+    _, sums = jax.lax.scan(lambda before, row: (before + row,) * 2, jnp.zeros_like(rows[0]), rows)
+    return jnp.moveaxis(sums, 0, axis)
 
 
 def _with_rock(scene: Scene, filled: Array, gap: Array | None) -> Array:

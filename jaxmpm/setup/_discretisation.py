@@ -48,7 +48,7 @@ class Discretisation:
             mean stress that acts; None does so for frictional soils in 2D and 3D. See `cell_independent`.
         fbar: instead, average both over neighbours; not for frictional soils.
         bridging: shear stress of undrained soil on level planes crosses gaps between soils undiminished: a cell that is
-            less full than those above and below acts as one as full as they are. A step of clay takes a fifth longer.
+            less full than those above and below acts as one as full as they are. A step of clay takes some 14 % longer.
         finite_strain: Hencky strains with exponential return mapping, for elastic strains of hundredths and more, at
             which the hypoelastic stress of the Jaumann rate creates or loses energy.
         internal_length: standard deviation (m) of the average of the plastic strain over neighbours, which prevents

@@ -81,7 +81,7 @@ class CampaignGrid(Part):
         True, None, otherwise="`false`",
     )  # fmt: skip
     bridging: Flag = key(
-        "Shear stress of undrained soil crosses level gaps between soils undiminished; a step takes a fifth longer.",
+        "Shear stress of undrained soil crosses level gaps between soils undiminished; a step takes some 14 % longer.",
         True, False,
     )  # fmt: skip
     internal_length: Length | Literal["none"] | None = key(
