@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import time
 import warnings
@@ -418,14 +417,15 @@ def _lines_of(error: Exception) -> Iterator[str]:
     """An error in lines: one, or of several faults one each, by the tables that they are about."""
     from jaxmpm.support.check import Faults
 
-    faults = error.faults if isinstance(error, Faults) else ()
+    faults = error.errors if isinstance(error, Faults) else ()
     if len(faults) < 2:
         yield f"error: {error}"
         return
     yield f"error: {len(faults)} faults"
-    tables = [re.match(r"\[*[^\s\].]+|", fault)[0] for fault in faults]  # type: ignore[index]
-    first = {table: number for number, table in reversed([*enumerate(tables)])}
-    grouped = [fault for _, fault in sorted(zip(tables, faults, strict=True), key=lambda each: first[each[0]])]
+    tables = [getattr(fault, "path", ())[:1] for fault in faults]
+    grouped = [
+        fault for table in dict.fromkeys(tables) for fault, its in zip(faults, tables, strict=True) if its == table
+    ]
     yield from (f"  {fault}" for fault in grouped[:MOST_LINES])
     if len(grouped) > MOST_LINES:
         yield f"  and {len(grouped) - MOST_LINES} more"

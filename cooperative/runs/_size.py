@@ -295,7 +295,7 @@ def cost_of(campaign: Campaign, seconds: float | None = None) -> Cost:
     """
     gathered, models, soil = check.Gathered(), {}, random_soil(campaign)
     for grid in campaign.grids:
-        with gathered.of(f"{grid} grid: "):
+        with gathered.of(f"{grid} grid"):
             models[grid] = build(campaign, grid, soil, at_rest=False)
     gathered.raise_all()
     rough = campaign.estimator.rough_runs(sampling_of(campaign))

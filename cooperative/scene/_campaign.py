@@ -20,6 +20,7 @@ from pydantic_core import ArgsKwargs
 
 from cooperative.estimate import Estimator, Sampling, TwoPhase
 from cooperative.measure import ElementAtRisk, front_thickness, size_of_slope
+from cooperative.scene._plausible import Unusual
 from cooperative.scene._site import Site, SiteLayer, check_site, has_friction
 from cooperative.scene.tables import (
     CONDUCTIVITY,
@@ -444,7 +445,7 @@ def check_cells(campaign: Campaign, grid: str = "refined") -> None:
     for layer, thickness in zip(campaign.site.layers, campaign.site.thicknesses, strict=True):
         thin = thickness.too_thin(campaign.grids[grid].cell)
         if thin is not None and not getattr(layer.layer.soil, "unusual", False):
-            raise Invalid((layer.label,), None, f"{thin} If that is intended, give its soil unusual = true", "")
+            raise Unusual((layer.label,), None, f"{thin} If that is intended, give its soil unusual = true", "")
 
 
 def check_campaign(campaign: Campaign) -> None:

@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 from cooperative.scene import tables
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._files import to_toml
+from cooperative.scene._plausible import Unusual
 from cooperative.scene._typed import read_scene, text_of, with_files
 from cooperative.scene._variants import campaigns_of
 from cooperative.store import Source
@@ -50,19 +51,20 @@ def check_scene(path: Path, then: Callable[[Campaign], None], *, outside: bool =
     try:
         return checked(read_scene(path, outside=outside))
     except Faults as error:
-        faults = list(error.faults)
-    given, replaced, unusual = _tables(path), set[str](), False
+        faults = list(error.errors)
+    scene, replaced, unusual = _tables(path), set[str](), False
     for _ in range(ROUNDS):
-        if given is None or not (names := _with_examples(given)):
-            if given is None or not (names := _on_purpose(given, faults)):
+        if scene is None or not (names := _with_examples(scene)):
+            if scene is None or not (names := _on_purpose(scene, faults)):
                 break
             unusual = True  # the size of a campaign then follows from a number that is not meant
         replaced |= names
         try:
-            checked(with_files(to_toml(given), path.parent, outside=outside), further=not unusual)
+            checked(with_files(to_toml(scene), path.parent, outside=outside), further=not unusual)
         except (ValueError, OSError) as error:
             more = faults_of(error) if isinstance(error, ValueError) else ()
-            faults += [fault for fault in more if fault not in faults and not _named(fault, replaced)]
+            messages = {str(fault) for fault in faults}
+            faults += [fault for fault in more if str(fault) not in messages and not _speaks_of(fault, replaced)]
     raise Faults(faults)
 
 
@@ -72,27 +74,31 @@ def _tables(path: Path) -> dict[str, object] | None:
     return None if "files" in read else read
 
 
-def _named(fault: str, keys: set[str]) -> bool:
-    return any(re.search(rf"\b{re.escape(key)}s?\b", fault) for key in keys)
+def _speaks_of(fault: ValueError, keys: set[str]) -> bool:
+    """Whether a fault is of one of the keys, or compares a value with theirs."""
+    if not keys.isdisjoint(getattr(fault, "path", ())):
+        return True
+    words = set(re.findall(r"\w+", str(fault)))
+    return not words.isdisjoint({*keys, *(f"{key}s" for key in keys)})
 
 
-def _on_purpose(given: dict[str, object], faults: Sequence[str]) -> set[str]:
+def _on_purpose(scene: dict[str, object], faults: Sequence[ValueError]) -> set[str]:
     """Let the soil of a scene be unusual, where a number of it is.
 
     scene: its tables, which change. Returns the keys of these numbers; none where nothing changes.
     """
-    soil = given.get("soil")
-    unusual = [fault for fault in faults if "unusual = true" in fault]
+    soil = scene.get("soil")
+    unusual = [fault for fault in faults if isinstance(fault, Unusual)]
     if not unusual or not isinstance(soil, dict) or soil.get("unusual"):
         return set()
     soil["unusual"] = True
-    return {re.split(r"[^\w]+", fault.partition(" = ")[0])[-1] for fault in unusual}
+    return {part for fault in unusual for part in fault.path[-1:] if isinstance(part, str)}
 
 
 def _with_examples(scene: dict[str, object]) -> set[str]:
     """Put an example in the place of each value that its key cannot have, and leave out keys that are not known.
 
-    given: tables of a scene, which change.
+    scene: its tables, which change.
 
     Returns:
         The keys; none where no value is at fault, or one is that no example can replace.

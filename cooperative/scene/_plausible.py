@@ -44,6 +44,10 @@ TRENDS = {
 """Trends with depth that are plausible, upwards or downwards."""
 
 
+class Unusual(Invalid):
+    """A number that betrays another unit, unless its author declares that it is meant."""
+
+
 def fields_of(
     values: Mapping[str, object], path: Callable[[str], Path], *, span: Span, downhill: int, home: str, unusual: bool
 ) -> dict[str, RandomField]:
@@ -86,21 +90,21 @@ def _ask_of_field(name: str, field: RandomField, home: str) -> None:
             ask(name, value, plausible, home)
     if slip := field.trend and name in TRENDS and unit_slip(name, abs(field.trend), TRENDS[name]):
         sign = "-" if field.trend < 0 else ""
-        gathered.faults.append(Invalid(("trend",), f"{sign}{slip.value}", "", f"{slip.remedy} {meant}"))
+        gathered.faults.append(Unusual(("trend",), f"{sign}{slip.value}", "", f"{slip.remedy} {meant}"))
     if 0 < field.mean_error < LEAST_ERROR * abs(field.mean):
         rare = f"{field.mean_error:g}, less than a thousandth of the mean, {field.mean:g}"
-        gathered.faults.append(Invalid(("mean_error",), rare, "", f"was another unit meant? {meant}"))
+        gathered.faults.append(Unusual(("mean_error",), rare, "", f"was another unit meant? {meant}"))
     slips = [slip for row in field.boreholes or () if (slip := unit_slip(name, row[-1]))]
     if slips:
         more = f"as are {len(slips) - 1} more values. " if slips[1:] else ""
-        gathered.faults.append(Invalid(("boreholes",), slips[0].value, "", f"{slips[0].remedy} {more}{meant}"))
+        gathered.faults.append(Unusual(("boreholes",), slips[0].value, "", f"{slips[0].remedy} {more}{meant}"))
     *along, upwards = field.length
     if along and field.bedding is None and max(along) < upwards < math.inf:
         remedy = (
             f"it correlates over {upwards:g} m upwards and {max(along):g} m along the ground, while deposits vary "
             f"faster upwards; the order is x, y, z, in a section x, z. {meant}"
         )
-        gathered.faults.append(Invalid(("length",), f"{list(field.length)}", "", remedy))
+        gathered.faults.append(Unusual(("length",), f"{list(field.length)}", "", remedy))
     gathered.raise_all()
 
 
@@ -114,15 +118,15 @@ def ask(name: str, value: float, plausible: Plausible | None = None, home: str =
         home: table in which its author declares that it is meant.
 
     Raises:
-        Invalid: it betrays another unit, see `jaxmpm.soil.unit_slip`.
+        Unusual: it betrays another unit, see `jaxmpm.soil.unit_slip`.
     """
     if slip := unit_slip(name, value, plausible):
-        raise Invalid((), slip.value, "", f"{slip.remedy} {ON_PURPOSE.format(home)}")
+        raise Unusual((), slip.value, "", f"{slip.remedy} {ON_PURPOSE.format(home)}")
 
 
-def _odd(path: Path, value: str | None, rule: str, question: str) -> Invalid:
+def _odd(path: Path, value: str | None, rule: str, question: str) -> Unusual:
     """What is odd about a number beside others of the scene."""
-    return Invalid(path, value, rule, f"{question} {ON_PURPOSE.format('[soil]')}")
+    return Unusual(path, value, rule, f"{question} {ON_PURPOSE.format('[soil]')}")
 
 
 def ask_of_ground(where: str, site: Site, displacement: float) -> None:
@@ -134,7 +138,7 @@ def ask_of_ground(where: str, site: Site, displacement: float) -> None:
         displacement: of a failure (m).
 
     Raises:
-        Invalid: they betray another unit.
+        Unusual: they betray another unit.
     """
     if displacement > (longest := max(site.shape.extent)):
         beside = f"{displacement:g} m, while the ground is {longest:g} m long"
@@ -170,7 +174,7 @@ def ask_of_record(motion: Motion) -> None:
         motion: of the base.
 
     Raises:
-        Invalid: it betrays another unit.
+        Unusual: it betrays another unit.
     """
     peak = float(np.abs(motion.acceleration).max())
     if 0 < peak < WEAKEST or peak > STRONGEST:

@@ -97,7 +97,7 @@ def _variants(source: Source) -> list[Variant]:
     gathered = Gathered()
     for point in by_path:
         if (point.parameter, point.value) not in same:
-            with gathered.of(f"{point.parameter} = {point.value}: "):
+            with gathered.of(f"{point.parameter} = {point.value}"):
                 campaigns.append(_by_path(point, source))
     gathered.raise_all()
     if sweep.k_t is not None:

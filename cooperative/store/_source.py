@@ -94,7 +94,7 @@ def _tables_of(text: str) -> dict[str, object]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"the scene is not valid TOML: {error}{_of_backslash(text, str(error))}") from error
+        raise ValueError(f"the scene is not valid TOML ({error}): {_remedy(text, str(error))}") from error
     except RecursionError as error:
         raise ValueError("the scene nests tables or lists without end: a scene has tables of plain values") from error
 
@@ -128,13 +128,13 @@ def check_bounds(where: str, tables: Mapping[str, object]) -> None:
             )
 
 
-def _of_backslash(text: str, error: str) -> str:
-    """The end of a message about a line that has a backslash in double quotes, such as a path of Windows."""
+def _remedy(text: str, error: str) -> str:
+    """What to do about a line that is no TOML: it may have a backslash in double quotes, as paths of Windows do."""
     at = re.search(r"at line (\d+)", error)
     line = "" if at is None else text.split("\n")[int(at[1]) - 1 : int(at[1])]
-    if not (line and re.search(r'"[^"]*\\', line[0])):
-        return ""
-    return "; a backslash in double quotes begins a special character: write folders of a path with / in between"
+    if line and re.search(r'"[^"]*\\', line[0]):
+        return "a backslash in double quotes begins a special character; write folders of a path with / in between"
+    return "write it as toml.io says"
 
 
 def table_of(tables: Mapping[str, object], name: str) -> Mapping[str, object]:

@@ -11,7 +11,7 @@ import math
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import TypeAlias, TypeVar
+from typing import Self, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -28,30 +28,43 @@ Elements = TypeVar("Elements", Array, np.ndarray, float)
 class Invalid(ValueError):
     """A value that breaks a rule, as data.
 
-    Who reads a table adds the tables around `path`, and formats the message once.
+    Who reads a table adds the tables around `path`, and names what it leads to. The message is made where it is shown.
 
     Args:
         path: keys and positions that lead to the value from where the rule stands; none for that place itself.
         value: as a message shows it, None where the rule is of more than one value.
         rule: that it breaks, as the message goes on after the value.
         remedy: what to do, nothing where the rule says it.
+        subject: what the path leads to, in words; None for the path itself.
     """
 
-    def __init__(self, path: Sequence[str | int], value: str | None, rule: str, remedy: str) -> None:
-        super().__init__(path, value, rule, remedy)
+    def __init__(
+        self, path: Sequence[str | int], value: str | None, rule: str, remedy: str, subject: str | None = None
+    ) -> None:
+        super().__init__(path, value, rule, remedy, subject)
         self.path, self.value, self.rule, self.remedy = tuple(path), value, rule, remedy
+        self.subject = subject
 
-    def of(self, subject: str) -> str:
-        """The message.
+    def within(self, *path: str | int) -> Self:
+        """The same, from a place further out.
 
         Args:
-            subject: what the path leads to, in words.
+            *path: keys and positions that lead from there to here.
         """
-        value, rule = "" if self.value is None else f" = {self.value}", f" {self.rule}" if self.rule else ""
-        return f"{subject}{value}{rule}" + (f": {self.remedy}" if self.remedy else "")
+        return type(self)((*path, *self.path), self.value, self.rule, self.remedy)
+
+    def named(self, subject: str) -> Self:
+        """The same, with words for what the path leads to.
+
+        Args:
+            subject: these words.
+        """
+        return type(self)(self.path, self.value, self.rule, self.remedy, subject)
 
     def __str__(self) -> str:
-        return self.of(".".join(map(str, self.path))).lstrip()
+        subject = ".".join(map(str, self.path)) if self.subject is None else self.subject
+        value = f"= {self.value}" if subject and self.value is not None else self.value
+        return " ".join(filter(None, (subject, value, self.rule))) + (f": {self.remedy}" if self.remedy else "")
 
 
 MOST_FAULTS = 8
@@ -62,12 +75,12 @@ class Faults(ValueError):
     """All that is wrong with an input, of which each part was checked.
 
     Args:
-        errors: one for each fault, or its message.
+        errors: one for each fault.
     """
 
-    def __init__(self, errors: Sequence[ValueError | str]) -> None:
+    def __init__(self, errors: Sequence[ValueError]) -> None:
         super().__init__(tuple(errors))
-        self.errors = tuple(ValueError(error) if isinstance(error, str) else error for error in errors)
+        self.errors = tuple(errors)
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -79,33 +92,32 @@ class Faults(ValueError):
         return "; ".join(self.faults[:MOST_FAULTS]) + (f"; and {more} more" if more > 0 else "")
 
 
-def faults_of(error: ValueError) -> tuple[str, ...]:
-    """The messages that an error has.
+def faults_of(error: ValueError) -> tuple[ValueError, ...]:
+    """The faults that an error has.
 
     Args:
         error: of one fault or of several.
     """
-    return error.faults if isinstance(error, Faults) else (str(error),)
+    return error.errors if isinstance(error, Faults) else (error,)
 
 
 class Gathered:
     """Faults of checks of which none depends on another, to be raised together."""
 
     def __init__(self) -> None:
-        self.faults: list[ValueError | str] = []
+        self.faults: list[ValueError] = []
 
     @contextlib.contextmanager
-    def of(self, where: str = "") -> Iterator[None]:
+    def of(self, subject: str = "") -> Iterator[None]:
         """Keep the faults that the block raises, and go on after it.
 
         Args:
-            where: what they are of, to begin their messages with.
+            subject: what they are of, in words.
         """
         try:
             yield
         except ValueError as error:
-            errors = error.errors if isinstance(error, Faults) else (error,)
-            self.faults += [f"{where}{fault}" if where else fault for fault in errors]
+            self.faults += [about(subject, fault) if subject else fault for fault in faults_of(error)]
 
     def raise_all(self) -> None:
         """Raise what was kept, if anything was.
@@ -115,6 +127,17 @@ class Gathered:
         """
         if self.faults:
             raise Faults(self.faults)
+
+
+def about(subject: str, error: ValueError, *path: str | int) -> Invalid:
+    """An error whose message begins with what it is of.
+
+    Args:
+        subject: this, in words.
+        error: the error.
+        *path: keys and positions that lead to it.
+    """
+    return Invalid((*path, *getattr(error, "path", ())), None, "", str(error), subject)
 
 
 @contextlib.contextmanager
@@ -130,8 +153,8 @@ def at(*path: str | int) -> Iterator[None]:
     """
 
     def further(error: ValueError) -> Invalid:
-        if isinstance(error, Invalid):
-            return Invalid((*path, *error.path), error.value, error.rule, error.remedy)
+        if isinstance(error, Invalid) and error.subject is None:
+            return error.within(*path)
         return Invalid(path, None, str(error), "")
 
     try:

@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 from pydantic_core.core_schema import NullableSchema, WithDefaultSchema
 
 from cooperative.scene.tables._key import Part, keys
-from jaxmpm.support.check import Faults, Invalid, Limit
+from jaxmpm.support.check import Faults, Invalid, Limit, about
 from jaxmpm.support.text import shown
 
 Schema = JsonSchemaValue
@@ -79,20 +79,20 @@ def in_words(table: type[Part], values: object) -> Iterator[None]:
         values: as TOML or JSON has them.
 
     Raises:
-        ValueError: in place of `Invalid`.
+        Invalid: with these names.
     """
 
-    def worded(error: ValueError) -> ValueError:
-        if not isinstance(error, Invalid):
+    def named(error: ValueError) -> ValueError:
+        if not isinstance(error, Invalid) or error.subject is not None:
             return error
-        return ValueError(error.of(str(_entry_at(table, values, "", (), error.path))))
+        return error.named(str(_entry_at(table, values, "", (), error.path)))
 
     try:
         yield
     except Faults as error:
-        raise Faults([worded(fault) for fault in error.errors]) from error
+        raise Faults([named(fault) for fault in error.errors]) from error
     except Invalid as error:
-        raise worded(error) from error
+        raise named(error) from error
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class _Entry:
     """Where a fault lies.
 
     path: tables around, as messages name them. key: in words, the last of them or a key. field: name of the key in its
-    `owner`. value: what stands there. inner: the table that it may be.
+    `owner`. value: what stands there. inner: the table that it may be. place: keys and positions that lead there.
     """
 
     path: tuple[str, ...]
@@ -109,6 +109,7 @@ class _Entry:
     inner: type[Part] | None
     owner: type[Part] | None = None
     field: str = ""
+    place: tuple[str | int, ...] = ()
 
     @property
     def whole(self) -> str:
@@ -145,12 +146,13 @@ def _entry_at(
             value = value[part]
             name = _content(value, "name")
             label = f"{entry.field} {shown(name) if isinstance(name, str) else part + 1}"
-            entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field)
+            entry = _Entry(entry.path, label, value, inner, entry.owner, entry.field, (*entry.place, part))
         elif inner is not None and (part in keys(inner) or part in inside):
             tables = (*entry.path, entry.key) if entry.key else ()
             here = _content(value, str(part))
             declared = keys(inner).get(part)
-            entry = _Entry(tables, str(part), here, None if declared is None else table_in(declared), inner, part)
+            within = None if declared is None else table_in(declared)
+            entry = _Entry(tables, str(part), here, within, inner, part, (*entry.place, part))
         # What is left determines which of the types of a union it is.
     return entry
 
@@ -160,18 +162,18 @@ def _content(value: object, key: str) -> object:
     return value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
 
 
-def _faults(table: type[Part], values: object, where: str, error: ValidationError) -> list[ValueError | str]:
+def _faults(table: type[Part], values: object, where: str, error: ValidationError) -> list[ValueError]:
     """What is wrong with the values of a table: keys that are not known, keys that lack, and values.
 
-    In words, but for what several checks of the whole table refuse: what is around it may have other words for that.
+    Each is named, but for what several checks of the whole table refuse: what is around it may have other words for it.
     """
     errors = error.errors(include_url=False)
     if any(fault["loc"][:1] != ("layer",) for fault in errors):
         # What a layer takes from [soil] is reported there.
         errors = [fault for fault in errors if fault["loc"][:1] != ("layer",) or _stands(values, fault["loc"])]
-    unknown: list[str] = []
-    lacking: dict[str, list[str]] = {}
-    wrong = dict[tuple[str, ...], list[ValueError | str]]()
+    unknown: list[Invalid] = []
+    lacking: dict[str, tuple[_Entry, list[str]]] = {}
+    wrong = dict[tuple[str, ...], list[ValueError]]()
     of_scene, listed = False, set[str]()
     for fault in errors:
         kind, location = fault["type"], fault["loc"]
@@ -183,23 +185,27 @@ def _faults(table: type[Part], values: object, where: str, error: ValidationErro
             if likely.startswith(KNOWS):
                 likely = likely if entry.section not in listed else ""
                 listed.add(entry.section)
-            unknown.append(f"{entry.section} has an unknown key {shown(location[-1])}{likely}")
+            rule = f"has an unknown key {shown(location[-1])}{likely}"
+            unknown.append(Invalid((*entry.place, location[-1]), None, rule, "", entry.section))
         elif kind == "missing" and isinstance(location[-1], str):
             entry = _entry_at(table, values, where, location[:-1])
             name = f"[{location[-1]}]" if entry.section == "the scene" else location[-1]
-            lacking.setdefault(entry.section, []).append(name)
+            lacking.setdefault(entry.section, (entry, []))[1].append(name)
         else:
             broken = fault["ctx"]["error"] if kind == "value_error" else None
             path = broken.path if isinstance(broken, Invalid) else ()
             entry = _entry_at(table, values, where, location, path)
             if (*entry.path, entry.key) not in wrong:  # the first of the types that it may have
                 several = broken.errors if isinstance(broken, Faults) else ()
-                wrong[*entry.path, entry.key] = [f"{entry}: {part}" if entry.key else part for part in several] or [
-                    _wrong(entry, fault)
-                ]
+                wrong[*entry.path, entry.key] = [
+                    about(str(entry), part, *entry.place) if entry.key else part for part in several
+                ] or [_wrong(entry, fault)]
     if of_scene:
         lacking.pop("the scene", None)  # a table that lacks may be there under a name that is not known
-    lacks = [f"{section} lacks {', '.join(names)}: add it" for section, names in lacking.items()]
+    lacks = [
+        Invalid(entry.place, None, f"lacks {', '.join(names)}", "add it", section)
+        for section, (entry, names) in lacking.items()
+    ]
     return [*unknown, *lacks, *chain.from_iterable(wrong.values())]
 
 
@@ -215,36 +221,42 @@ def _stands(values: Any, location: Iterable[int | str]) -> bool:
     return True
 
 
-def _wrong(entry: _Entry, error: ErrorDetails) -> str:
-    """What is wrong with a value, what it may be, in words."""
-    kind, value = error["type"], entry.value
+def _wrong(entry: _Entry, error: ErrorDetails) -> ValueError:
+    """What is wrong with a value, and what it may be."""
+    kind, value, subject = error["type"], entry.value, str(entry)
+    rule, shown_value = "", shown(value)
     if kind == "value_error":
-        broken = error["ctx"]["error"]
-        if isinstance(broken, Invalid):
-            return broken.of(str(entry))
-        return f"{entry}: {broken}" if entry.key else str(broken)
+        broken: ValueError = error["ctx"]["error"]
+        if isinstance(broken, Invalid) and broken.subject is None:
+            return Invalid(entry.place, broken.value, broken.rule, broken.remedy, subject)
+        return about(subject, broken, *entry.place) if entry.key else broken
     if kind in NO_TABLE:
-        return f"{entry.whole} = {shown(value)} is {_kind(value)}: make it a table, {entry.section}"
-    if entry.inner is not None and kind == "list_type":
-        return f"[{entry.key}] is {_kind(value)}: write [[{entry.key}]], once for each"
-    if entry.inner is not None and kind == "too_long":
+        rule, remedy, subject = f"is {_kind(value)}", f"make it a table, {entry.section}", entry.whole
+    elif entry.inner is not None and kind == "list_type":
+        remedy = f"write [[{entry.key}]], once for each"
+        return Invalid(entry.place, None, f"is {_kind(value)}", remedy, f"[{entry.key}]")
+    elif entry.inner is not None and kind == "too_long":
         most, actual = error["ctx"]["max_length"], error["ctx"]["actual_length"]
-        return f"the scene has {actual} tables [[{entry.key}]], the limit is {most}: give fewer"
-    assert entry.owner is not None
-    schema = schema_of(entry.owner)["properties"][entry.field]
-    if kind == "single" or (kind in RANGE and not math.isfinite(error["input"])):
-        return f"{entry} = {shown(value)}: give finite values, in single precision (1e-30 to 1e30)"
-    if kind in RANGE:
-        number = f"{value:g}" if isinstance(value, int | float) else shown(value)
-        allowed = wanted(schema["oneOf"][0] if "oneOf" in schema else schema)  # of a number, or a table, the number
-        unit, remedy = first_entry(schema, "unit", ""), schema.get("remedy", "")
-        return f"{entry} = {number} {unit}".rstrip() + f": give {allowed}{remedy}"
-    if kind in CHOICE:
-        meant = [f" (did you mean {word}?)" for word in _meanings(schema.get("named", ""), str(value))]
-        nearest = _nearest(value, first_entry(schema, "enum", list[str]()))
-        return f"{entry} = {shown(value)}: give {wanted(schema)}{meant[0] if meant else nearest}"
-    itself = f" is {_kind(value)}" if error["input"] is value and kind.endswith("_type") else ""
-    return f"{entry} = {shown(value)}{itself}: give {wanted(schema, ends=False)}"
+        rule = f"has {actual} tables [[{entry.key}]], the limit is {most}"
+        return Invalid(entry.place, None, rule, "give fewer", "the scene")
+    else:
+        assert entry.owner is not None
+        schema = schema_of(entry.owner)["properties"][entry.field]
+        if kind == "single" or (kind in RANGE and not math.isfinite(error["input"])):
+            remedy = "give finite values, in single precision (1e-30 to 1e30)"
+        elif kind in RANGE:
+            number = f"{value:g}" if isinstance(value, int | float) else shown_value
+            shown_value = f"{number} {first_entry(schema, 'unit', '')}".rstrip()
+            allowed = wanted(schema["oneOf"][0] if "oneOf" in schema else schema)  # of a number, or a table, the number
+            remedy = f"give {allowed}{schema.get('remedy', '')}"
+        elif kind in CHOICE:
+            meant = [f" (did you mean {word}?)" for word in _meanings(schema.get("named", ""), str(value))]
+            nearest = _nearest(value, first_entry(schema, "enum", list[str]()))
+            remedy = f"give {wanted(schema)}{meant[0] if meant else nearest}"
+        else:
+            rule = f"is {_kind(value)}" if error["input"] is value and kind.endswith("_type") else ""
+            remedy = f"give {wanted(schema, ends=False)}"
+    return Invalid(entry.place, shown_value, rule, remedy, subject)
 
 
 def _kind(value: object) -> str:

@@ -92,7 +92,7 @@ def test_twenty_faults_are_printed_by_table_and_the_others_counted(tmp_path, cap
 
 def test_gathered_faults_flatten():
     outer = Gathered()
-    with outer.of("layer: "):
+    with outer.of("layer"):
         inner = Gathered()
         for word in ("a", "b"):
             with inner.of():
