@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -422,10 +423,10 @@ def _lines_of(error: Exception) -> Iterator[str]:
         yield f"error: {error}"
         return
     yield f"error: {len(faults)} faults"
-    tables = [getattr(fault, "path", ())[:1] for fault in faults]
-    grouped = [
-        fault for table in dict.fromkeys(tables) for fault, its in zip(faults, tables, strict=True) if its == table
-    ]
+    of_tables = dict[tuple[str | int, ...], list[ValueError]]()
+    for fault in faults:
+        of_tables.setdefault(getattr(fault, "path", ())[:1], []).append(fault)
+    grouped = [*chain.from_iterable(of_tables.values())]
     yield from (f"  {fault}" for fault in grouped[:MOST_LINES])
     if len(grouped) > MOST_LINES:
         yield f"  and {len(grouped) - MOST_LINES} more"

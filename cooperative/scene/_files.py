@@ -76,7 +76,7 @@ class Files:
                 try:
                     each = each.cropped(terrain.x or x, terrain.y or y)
                 except ValueError as error:
-                    raise ValueError(f"{name} does not reach the walls: {error}") from error
+                    raise Invalid((), name, "does not reach the walls", str(error)) from error
                 if terrain.step is not None:
                     stepped = each.resampled(terrain.step)
                     ends = zip(stepped.ends, (terrain.x, terrain.y), strict=True)
@@ -193,7 +193,10 @@ class Files:
             try:
                 self.known[name] = read()
             except ValueError as error:
-                raise ValueError(f"{error}{_of_backslash(name)}") from error
+                if "\\" not in name and name.isprintable():
+                    raise
+                rule = f"has a backslash, or a special character that one gave ({error})"
+                raise Invalid((), shown(name), rule, "write folders of a path with / in between") from error
         content = self.known.get(name)
         if not isinstance(content, kind):
             raise _not_read(name, remedy)
@@ -210,9 +213,11 @@ class Files:
             return path
         for real in (os.path.abspath, os.path.realpath):
             if not Path(real(path)).is_relative_to(real(self.folder)):
-                raise ValueError(
-                    f"{path} lies outside the scene's folder: move it there, or allow it by --allow-outside, in Python "
-                    "read_scene(path, outside=True)"
+                raise Invalid(
+                    (),
+                    str(path),
+                    "lies outside the scene's folder",
+                    "move it there, or allow it by --allow-outside, in Python read_scene(path, outside=True)",
                 )
         return path
 
@@ -224,13 +229,6 @@ class Files:
             if remark := compare_projections(name, projection, first, there):
                 check.warn(remark)
         self.projections.setdefault(name, projection)
-
-
-def _of_backslash(name: str) -> str:
-    """The end of a message about a file whose name has a backslash, or what TOML makes of one."""
-    if "\\" not in name and name.isprintable():
-        return ""
-    return "; its name has a backslash, or a special character that one gave: write folders of a path with / in between"
 
 
 def _is_feature(value: object) -> bool:
@@ -293,16 +291,18 @@ def packed(name: str, content: Raster | BaseMotion) -> dict[str, object]:
     if isinstance(content, BaseMotion):
         samples = content.acceleration.shape[1]
         if samples > MOST_SAMPLES:
-            raise ValueError(
-                f"{name} has {samples} samples, the limit is {MOST_SAMPLES}: cut it, or sample it less often"
+            raise Invalid(
+                (), name, f"has {samples} samples, the limit is {MOST_SAMPLES}", "cut it, or sample it less often"
             )
         acceleration = as_text(np.asarray(content.acceleration, "<f4"))
         return {"interval": float(content.interval), "samples": samples, "acceleration": acceleration}
     nx, ny = content.heights.shape
     if nx * ny > MOST_HEIGHTS:
-        raise ValueError(
-            f"{name} has {nx} times {ny} heights between the walls, the limit is {MOST_HEIGHTS}: give walls x and y "
-            "that lie closer, or a longer step in [terrain]"
+        raise Invalid(
+            (),
+            name,
+            f"has {nx} times {ny} heights between the walls, the limit is {MOST_HEIGHTS}",
+            "give walls x and y that lie closer, or a longer step in [terrain]",
         )
     table: dict[str, object] = {"corner": list(content.corner), "step": content.step, "shape": [nx, ny]}
     if content.projection is not None:
@@ -323,8 +323,7 @@ def unpacked(name: str, table: Any) -> Raster | BaseMotion:
     try:
         content = _record(table) if "samples" in table else _raster(table)
     except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error) as error:
-        where = f"files {shown(name)}: its table in [files] is damaged"
-        raise ValueError(f"{where} ({shown(str(error))}): run the scene's file") from error
+        raise Invalid(("files", name), None, f"is damaged ({shown(str(error))})", "run the scene's file") from error
     if isinstance(content, Raster):
         content.check(f"files {shown(name)}")
     return content

@@ -18,6 +18,7 @@ from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.seepage import AtSide, Cells, Flow, Heads, PressureInTime, PressureTable, Problem, Retention
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
@@ -206,9 +207,8 @@ def _retention(given: tuple[Hydraulics, ...], where: str) -> Retention:
         try:
             if model == "gardner":
                 if name is not None:
-                    raise ValueError(
-                        f"soil_class = {name!r} has no numbers of gardner: give conductivity, alpha and porosity"
-                    )
+                    rule, remedy = "has no numbers of gardner", "give conductivity, alpha and porosity"
+                    raise Invalid(("soil_class",), repr(name), rule, remedy)
                 soil: Retention = seepage.gardner(**numbers)
             elif name is not None:
                 soil = seepage.soil_class(name, **numbers)
@@ -217,7 +217,7 @@ def _retention(given: tuple[Hydraulics, ...], where: str) -> Retention:
                 soil = seepage.van_genuchten(**{"air_entry": entry, **numbers})
             return jax.tree.map(lambda value: np.asarray(value, float), soil)
         except ValueError as error:
-            raise ValueError(f"[{where}] of the flow: {error}; or give soil_class") from error
+            raise Invalid((), None, f"[{where}] of the flow", f"{error}; or give soil_class") from error
 
 
 def _conductivities(campaign: Campaign) -> tuple[RandomField | float, ...]:
@@ -343,15 +343,11 @@ class CampaignFlow:
         """Raise ValueError for steady flow before time 0 that does not converge, or that fills the ground."""
         rate = f"initial_rate = {self.table.initial_rate:g} m/s"
         if not converged.all():
-            raise ValueError(
-                f"the steady flow of {rate} does not converge: give less, larger cells or soil with an air_entry, or "
-                "begin with the water of [water]"
-            )
+            remedy = "give less, larger cells or soil with an air_entry, or begin with the water of [water]"
+            raise Invalid((), None, f"the steady flow of {rate} does not converge", remedy)
         if any(_full(self.cells, head) for head in initial):
-            raise ValueError(
-                f"{rate} is more than the ground drains: it is saturated to its surface before time 0; give less, "
-                "levels beyond the ends, drains or more conductive soil"
-            )
+            rule = "is more than the ground drains, so that it is saturated to its surface before time 0"
+            raise Invalid((), rate, rule, "give less, levels beyond the ends, drains or more conductive soil")
 
     def _of_lane(self, flow: Flow, times: Sequence[float]) -> Solved:
         """One flow, on the host."""
@@ -389,7 +385,7 @@ def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray, np.nd
     cell = campaign.refined.cell
     spacing = table.cell or (*(cell,) * (d - 1), cell / 2)
     if len(spacing) != d:
-        raise ValueError(f"cell = {list(spacing)} of the flow: give {d} edges, one per axis")
+        raise Invalid(("cell",), str(list(spacing)), "of the flow", f"give {d} edges, one per axis")
     cells = seepage.cells_under(site.shape, spacing)
     position = cells.centres().reshape(d, -1)
     layer = site.layer_of(position, campaign.grids["refined"])
@@ -399,10 +395,10 @@ def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray, np.nd
     layer = layer.reshape(cells.shape)
     wet = np.array([each is not None for each in retentions])
     if not any(wet):
-        raise ValueError("no layer has soil through which water flows: give soil, or a layer of it")
+        raise Invalid((), None, "no layer has soil through which water flows", "give soil, or a layer of it")
     for number, each in enumerate(site.layers):
         if not wet[number] and not each.rock:
-            raise ValueError(f"{each.label} has no conductivity: give soil for all, or a layer of that name")
+            raise Invalid((), each.label, "has no conductivity", "give soil for all, or a layer of that name")
     active = cells.soil & wet[layer]
     count = np.cumsum(wet) - 1
     return replace(cells, active=active), np.where(active, count[layer], 0), layer
@@ -418,9 +414,11 @@ def _at_rest(campaign: Campaign, table: Seepage, cells: Cells) -> Start:
     if water is None:
         level = table.level_at(0.0)
         if level is None and table.initial_rate is None:
-            raise ValueError(
-                "the state of the ground before time 0 is not known: give [water] a level or a table, or initial_rate, "
-                'a steady rain such as "300 mm/year"'
+            raise Invalid(
+                (),
+                None,
+                "the state of the ground before time 0 is not known",
+                'give [water] a level or a table, or initial_rate, a steady rain such as "300 mm/year"',
             )
         return campaign.site.shape.corner[-1] if level is None else level
     start: Start = water if isinstance(water, int | float | Raster) else np.array(water, float)
@@ -431,10 +429,8 @@ def _at_rest(campaign: Campaign, table: Seepage, cells: Cells) -> Start:
     if flooded.any():
         at = ", ".join(f"{x:.4g}" for x in plan[:, np.argmax(np.where(flooded, above, -1))])
         stands = "and no level is given" if pool is None else f"above the level of {pool:g} m at time 0"
-        raise ValueError(
-            f"[water] stands {above[flooded].max():.3g} m above the ground at ({at}) m, {stands}: give the pool its "
-            "level in the table of the flow, or lower the water"
-        )
+        rule = f"stands {above[flooded].max():.3g} m above the ground at ({at}) m, {stands}"
+        raise Invalid((), "[water]", rule, "give the pool its level in the table of the flow, or lower the water")
     return start
 
 
@@ -505,10 +501,11 @@ def _given(campaign: Campaign, table: Seepage) -> PressureTable:
     if all(each is None for each in retentions_of(campaign)) and any(
         getattr(each.soil, "saturated_unit_weight", None) is not None for each in campaign.site.soils(campaign.soil)
     ):
-        raise ValueError(
-            "saturated_unit_weight beside the pressure of another program, without the soil's porosity and retention, "
-            "by which weight follows the water: give soil in the table of the pressure, or leave it out"
+        rule = (
+            "beside the pressure of another program lacks the soil's porosity and retention, by which weight follows "
+            "the water"
         )
+        raise Invalid((), "saturated_unit_weight", rule, "give soil in the table of the pressure, or leave it out")
     for time in (*table.times, table.moment):
         heads = known.heads(time)
         plan, heights = _surface(campaign)
@@ -516,9 +513,11 @@ def _given(campaign: Campaign, table: Seepage) -> PressureTable:
         over = heads.at(np.vstack([plan, heights])) - (0.0 if pool is None else np.maximum(pool - heights, 0.0))
         if over.max() > STANDS:
             at = ", ".join(f"{x:.4g}" for x in plan[:, over.argmax()])
-            raise ValueError(
+            raise Invalid(
+                (),
+                None,
                 f"pressure at {time:g} s is that of {over.max():.3g} m of water on the ground at ({at}) m, "
-                f"{'and no level is given' if pool is None else f'above the level of {pool:g} m'}: give level for the "
-                "pool, or heads of this ground"
+                f"{'and no level is given' if pool is None else f'above the level of {pool:g} m'}",
+                "give level for the pool, or heads of this ground",
             )
     return known

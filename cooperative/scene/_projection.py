@@ -9,6 +9,7 @@ import re
 import warnings
 from typing import TYPE_CHECKING
 
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.extras import extra
 from jaxmpm.support.text import shown
 
@@ -38,13 +39,13 @@ def refuse_unmetric(where: str, given: str) -> None:
     crs = _in_plan(where, given)
     remedy = "project it to the metres of the surface first, e.g. with ogr2ogr -t_srs"
     if crs.is_geographic or crs.is_geocentric:
-        raise ValueError(f"{where} is in degrees ({shown(crs.name)}): {remedy}")
+        raise Invalid((), where, f"is in degrees ({shown(crs.name)})", remedy)
     for axis in crs.axis_info[:2]:
         if abs(axis.unit_conversion_factor - 1) > 1e-9:
-            raise ValueError(f"{where} is in {shown(axis.unit_name)}, not in metres ({shown(crs.name)}): {remedy}")
+            raise Invalid((), where, f"is in {shown(axis.unit_name)}, not in metres ({shown(crs.name)})", remedy)
     method = "" if crs.coordinate_operation is None else crs.coordinate_operation.method_name
     if "Mercator" in method and not re.search("Transverse|Oblique", method):
-        raise ValueError(f"{where} is in {shown(crs.name)}, whose metres are stretched away from the equator: {remedy}")
+        raise Invalid((), where, f"is in {shown(crs.name)}, whose metres are stretched away from the equator", remedy)
 
 
 def compare_projections(where: str, given: str, other: str, there: str) -> str | None:
@@ -69,7 +70,7 @@ def compare_projections(where: str, given: str, other: str, there: str) -> str |
         return None
     names = f"{where} is in {shown(mine.name)} and {other} in {shown(first.name)}"
     if not (_numbers(mine) and _numbers(mine) == _numbers(first)):
-        raise ValueError(f"{names}: project it to the same one, e.g. with ogr2ogr -t_srs")
+        raise Invalid((), names, "", "project it to the same one, e.g. with ogr2ogr -t_srs")
     if _datum(mine) == _datum(first):
         return None
     return f"{names}, one projection of two datums, which may lie 2 m apart: nothing is shifted"
@@ -92,8 +93,11 @@ def _in_plan(where: str, given: str) -> CRS:
         while crs.is_bound or crs.is_compound:
             crs = crs.source_crs if crs.is_bound else crs.sub_crs_list[0]
     except (ValueError, pyproj.exceptions.CRSError) as error:
-        raise ValueError(
-            f"{where} has a coordinate system that is not known, {shown(given)}: give it one, e.g. with ogr2ogr -a_srs"
+        raise Invalid(
+            (),
+            where,
+            f"has a coordinate system that is not known, {shown(given)}",
+            "give it one, e.g. with ogr2ogr -a_srs",
         ) from error
     return crs
 

@@ -40,10 +40,12 @@ def shift_of(origin: Sequence[float], points: np.ndarray) -> np.ndarray:
     if CLEARLY * from_origin <= from_zero:
         return start
     where = ", ".join(f"{coordinate:.10g}" for coordinate in middle)
-    raise ValueError(
-        f"the middle of the file, ({where}) m, lies {from_origin:.3g} m from origin = "
-        f"{list(origin)} and {from_zero:.3g} m from 0, so that it is not clear whether the origin is to be subtracted: "
-        "give an origin at a corner of the file, or none"
+    raise Invalid(
+        (),
+        None,
+        f"the middle of the file, ({where}) m, lies {from_origin:.3g} m from origin = {list(origin)} and "
+        f"{from_zero:.3g} m from 0, so that it is not clear whether the origin is to be subtracted",
+        "give an origin at a corner of the file, or none",
     )
 
 

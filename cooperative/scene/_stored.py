@@ -29,6 +29,7 @@ from cooperative.store import (
     stored_source,
     stored_text,
 )
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
 
 T = TypeVar("T", bound=tables.Part)
@@ -114,25 +115,23 @@ def _grown(campaign: Campaign, folder: Path, refined_runs: int | None, slides_t_
     if stored is not None:
         campaign = replace(campaign, run=replace(campaign.run, slides_t_end=stored.t_end))
     if slides_t_end is not None:
-        last = campaign.run.last("refined")
+        last, path, value = campaign.run.last("refined"), ("slides_t_end",), f"{slides_t_end:g} s"
         if not last <= slides_t_end < float("inf"):
-            raise ValueError(f"slides_t_end = {slides_t_end:g} s: slides go on until {last:g} s already, give more")
+            raise Invalid(path, value, "", f"slides go on until {last:g} s already, give more")
         if campaign.plan.slides == 0:
-            raise ValueError(
-                f"slides_t_end = {slides_t_end:g} s: the scene asks for no slides (slides = 0), so that none goes on: "
-                "leave it out"
-            )
+            remedy = "the scene asks for no slides (slides = 0), so that none goes on: leave it out"
+            raise Invalid(path, value, "", remedy)
         campaign = replace(campaign, run=replace(campaign.run, slides_t_end=float(slides_t_end)))
     budget = kept(folder, tables.Budget)
     if refined_runs is not None:
         budget = _more(campaign, budget, refined_runs)
     if budget is not None and not isinstance(campaign.estimator, tables.FromScript):
-        chosen, where = campaign.estimator, f"refined_runs = {budget.refined_runs}"
+        chosen, path, value = campaign.estimator, ("refined_runs",), str(budget.refined_runs)
         assert is_dataclass(chosen)
         if budget.refined_runs <= budget.scene:
-            raise ValueError(f"{where}: the scene allows {budget.scene} already, give more")
+            raise Invalid(path, value, "", f"the scene allows {budget.scene} already, give more")
         if "refined_runs" not in {setting.name for setting in fields(chosen)}:
-            raise ValueError(f"{where}: estimator {chosen.name!r} has no such setting")
+            raise Invalid(path, value, "", f"estimator {chosen.name!r} has no such setting")
         campaign = replace(campaign, estimator=replace(chosen, refined_runs=budget.refined_runs), raised=budget)
     return with_measured(campaign, folder)
 
@@ -148,15 +147,13 @@ def _more(campaign: Campaign, stored: tables.Budget | None, refined_runs: int) -
     )
     scene = campaign.estimator.budget(campaign.estimator.rough_runs(first))
     if scene is None:
-        raise ValueError(
-            f"refined_runs = {refined_runs}: estimator {campaign.estimator.name!r} has no number of runs to raise, its "
-            "rule alone decides when to stop"
-        )
+        rule = f"while the rule of estimator {campaign.estimator.name!r} alone decides when to stop"
+        raise Invalid(("refined_runs",), str(refined_runs), rule, "leave it out")
     allowed = scene if stored is None else stored.refined_runs
     if refined_runs <= scene or refined_runs < allowed:
-        raise ValueError(f"refined_runs = {refined_runs}: the campaign allows {allowed} already, give more")
+        raise Invalid(("refined_runs",), str(refined_runs), "", f"the campaign allows {allowed} already, give more")
     if refined_runs > tables.MOST_RUNS:
-        raise ValueError(f"refined_runs = {shown(refined_runs)}: give at most {tables.MOST_RUNS:,}")
+        raise Invalid(("refined_runs",), shown(refined_runs), "", f"give at most {tables.MOST_RUNS:,}")
     return tables.Budget(refined_runs, scene)
 
 
@@ -234,7 +231,5 @@ def kept(folder: Path, part: type[T]) -> T | None:
         return tables.read(part, json.loads(text), name)
     except (ValueError, RecursionError) as error:
         path = folder / DATABASE
-        raise ValueError(
-            f"{path} holds no {name} that this version reads ({error}): "
-            f"`sqlite3 {path} \"delete from campaign where name = '{name}'\"`"
-        ) from error
+        remedy = f"`sqlite3 {path} \"delete from campaign where name = '{name}'\"`"
+        raise Invalid((), str(path), f"holds no {name} that this version reads ({error})", remedy) from error

@@ -151,15 +151,19 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
         ValueError: a file is missing or no text, the message names it; or the file holds what no scene has.
     """
     if not path.exists():
-        raise ValueError(f"there is no scene {path}: give the path of a scene in TOML")
+        raise Invalid((), None, f"there is no scene {path}", "give the path of a scene in TOML")
     if not path.is_file():
-        raise ValueError(f"scene {path} is no file: give the path of a scene in TOML")
+        raise Invalid((), None, f"scene {path} is no file", "give the path of a scene in TOML")
     if path.stat().st_size > LARGEST:
-        raise ValueError(f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}: is it a scene?")
+        raise Invalid(
+            (), None, f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}", "is it a scene?"
+        )
     try:
         return with_files(text_of(path), path.parent, outside=outside)
     except OSError as error:
-        raise ValueError(f"scene {path} cannot be read ({error.strerror}): give a file that you may read") from error
+        raise Invalid(
+            (), None, f"scene {path} cannot be read ({error.strerror})", "give a file that you may read"
+        ) from error
 
 
 def with_files(text: str, folder: Path, *, outside: bool) -> Source:
@@ -194,9 +198,11 @@ def text_of(path: Path) -> str:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ValueError(
-            f"scene {path} is no text in UTF-8 (byte {error.start}, in line {line}): give a scene in TOML, saved with "
-            "the encoding UTF-8"
+        raise Invalid(
+            (),
+            None,
+            f"scene {path} is no text in UTF-8 (byte {error.start}, in line {line})",
+            "give a scene in TOML, saved with the encoding UTF-8",
         ) from error
 
 

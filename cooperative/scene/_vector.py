@@ -28,6 +28,7 @@ import shapely
 
 from cooperative.scene._projection import refuse_unmetric
 from jaxmpm.support import check, files
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.extras import extra
 from jaxmpm.support.text import shown
 
@@ -105,17 +106,20 @@ def read_features(path: Path, layer: str | None) -> tuple[list[Feature], str | N
     elif begin.startswith(b"{"):
         read = _geojson(path, data)
     else:
-        raise ValueError(
-            f"{path} is no GeoPackage, shapefile or GeoJSON by its first bytes: export the features as one of these"
+        raise Invalid(
+            (),
+            str(path),
+            "is no GeoPackage, shapefile or GeoJSON by its first bytes",
+            "export the features as one of these",
         )
     if layer not in (None, path.stem) and not data.startswith(b"SQLite"):
-        raise ValueError(f"{path} is no GeoPackage, which alone has layers: leave out #{layer}")
+        raise Invalid((), str(path), "is no GeoPackage, which alone has layers", f"leave out #{layer}")
     if read.projection is not None:
         refuse_unmetric(str(path), read.projection)
     features = list(_features(path, read.rows))
     if not 0 < sum(len(feature["points"]) for feature in features) <= MOST_POINTS or len(features) > MOST_FEATURES:
-        raise ValueError(
-            f"{path} has no features, or more than {MOST_POINTS} points: give the few that the scene needs"
+        raise Invalid(
+            (), str(path), f"has no features, or more than {MOST_POINTS} points", "give the few that the scene needs"
         )
     if read.left_out and layer is None:
         check.warn(f"{path}: {', '.join(read.left_out)} beside the layer that is read: left out")
@@ -128,27 +132,27 @@ def _features(path: Path, rows: Iterable[Row]) -> Iterator[Feature]:
         parts = getattr(shape, "geoms", [shape])
         kind = "nothing" if shape is None else shape.geom_type
         if shape is None or shape.is_empty or len(parts) != 1 or kind not in KINDS:
-            raise ValueError(f"{path}: feature {number} is {kind}: give lines and polygons, each of one part")
+            raise Invalid((), f"{path}: feature {number}", f"is {kind}", "give lines and polygons, each of one part")
         name = _name(values, number)
         where = f"{path}: feature {number}, {shown(name)},"
         holes = len(getattr(parts[0], "interiors", ()))
         line = _ring(where, parts[0]) if holes else getattr(parts[0], "exterior", parts[0])
         points = shapely.get_coordinates(line)
         if not np.isfinite(points).all():
-            raise ValueError(f"{where} has points that are not finite: draw it again")
+            raise Invalid((), where, "has points that are not finite", "draw it again")
         yield {"name": name, "points": points[: -1 if line.is_ring else None].tolist(), "holes": holes}
 
 
 def _ring(where: str, polygon: shapely.Polygon) -> shapely.LinearRing:
     """One ring around a polygon with holes, each of which the shortest slit joins to its outside."""
     if not polygon.is_valid:
-        raise ValueError(f"{where} is no polygon ({shapely.is_valid_reason(polygon)}): draw it again")
+        raise Invalid((), where, f"is no polygon ({shapely.is_valid_reason(polygon)})", "draw it again")
     for _ in polygon.interiors:
         if polygon.interiors:  # a slit may have met another hole on its way
             slit = shapely.shortest_line(polygon.interiors[0], polygon.exterior).buffer(SLIT / 2, quad_segs=1)
             polygon = polygon.difference(slit)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
-            raise ValueError(f"{where} has holes {SLIT:g} m from one another or its edge: draw it with wider ground")
+            raise Invalid((), where, f"has holes {SLIT:g} m from one another or its edge", "draw it with wider ground")
     return polygon.exterior
 
 
@@ -162,12 +166,12 @@ def _geopackage(path: Path, data: bytes, asked: str | None) -> _Layer:
     """A layer of a GeoPackage."""
     journal = path.with_name(f"{path.name}-wal")
     if os.path.lexists(journal) and os.lstat(journal).st_size:
-        raise ValueError(f"{journal} holds changes that {path.name} lacks: close the program that has it open")
+        raise Invalid((), str(journal), f"holds changes that {path.name} lacks", "close the program that has it open")
     try:
         with closing(_database(data)) as database:
             return _layer(path, database, asked)
     except sqlite3.Error as error:
-        raise ValueError(f"{path} cannot be read as a GeoPackage: {shown(str(error))}") from error
+        raise Invalid((), str(path), "cannot be read as a GeoPackage", shown(str(error))) from error
 
 
 def _database(data: bytes) -> sqlite3.Connection:
@@ -190,7 +194,7 @@ def _layer(path: Path, database: sqlite3.Connection, asked: str | None) -> _Laye
     tables = database.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0")
     plain = {name for (name,) in islice(tables, MOST_FEATURES)}
     if not plain >= {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}:
-        raise ValueError(f"{path} is an SQLite database, and no GeoPackage: export the features as a GeoPackage")
+        raise Invalid((), str(path), "is an SQLite database, and no GeoPackage", "export the features as a GeoPackage")
     holds = islice(database.execute("SELECT table_name, data_type FROM gpkg_contents"), MOST_FEATURES)
     kinds = {str(name): str(kind) for name, kind in holds}
     columns = database.execute("SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns")
@@ -201,7 +205,7 @@ def _layer(path: Path, database: sqlite3.Connection, asked: str | None) -> _Laye
     if name is None or name not in layers:
         remedy = f"give one of them, {path.name}#{layers[0]}" if layers else "export a table with geometry"
         beside = f" (and {', '.join(others[:8])})" if others else ""
-        raise ValueError(f"{path} has the layers {', '.join(layers[:8]) or 'none'}{beside}: {remedy}")
+        raise Invalid((), str(path), f"has the layers {', '.join(layers[:8]) or 'none'}{beside}", remedy)
     column, srs = geometry[name]
     return _Layer(_rows(path, database, name, column), _projection(path, database, srs), tuple(others))
 
@@ -217,11 +221,11 @@ def _rows(path: Path, database: sqlite3.Connection, table: str, column: str) -> 
     found = database.execute(f'SELECT * FROM "{quoted}"')
     names = [str(column[0]) for column in found.description]
     if column not in names:
-        raise ValueError(f"{path}: {shown(table)} has no column {shown(column)} of geometry: it is damaged")
+        raise Invalid((), f"{path}: {shown(table)}", f"has no column {shown(column)} of geometry", "it is damaged")
     for row in islice(found, MOST_FEATURES + 1):
         size += sum(len(value) for value in row if isinstance(value, str | bytes))
         if size > MOST_BYTES:  # damaged pages may be read again and again
-            raise ValueError(f"{path}: {shown(table)} has more than {MOST_BYTES} bytes: it is damaged")
+            raise Invalid((), f"{path}: {shown(table)}", f"has more than {MOST_BYTES} bytes", "it is damaged")
         values = dict(zip(names, row, strict=True))
         rows.append((values, _of_bytes(f"{path}: feature {len(rows) + 1}", values.pop(column))))
     return rows
@@ -234,17 +238,19 @@ def _of_bytes(where: str, value: object) -> shapely.Geometry | None:
     data = value if isinstance(value, bytes) else b""
     box = data[3] >> 1 & 7 if len(data) > 8 else len(ENVELOPES)
     if not data.startswith(b"GP") or box >= len(ENVELOPES):
-        raise ValueError(f"{where} is no geometry of a GeoPackage: export it again")
+        raise Invalid((), where, "is no geometry of a GeoPackage", "export it again")
     data = data[8 + ENVELOPES[box] :]
     kind, one = _head(data), data[5:9] == (b"\1\0\0\0" if data[:1] == b"\1" else b"\0\0\0\1")
     if kind in (LINES, POLYGONS) and one and _head(data[9:]) == kind - 3:
         kind, data = kind - 3, data[9:]
     if kind not in (LINE, POLYGON):  # parts within parts without end would overflow the library's stack
-        raise ValueError(f"{where} is no line or polygon: give lines and polygons, each of one part and without curves")
+        raise Invalid(
+            (), where, "is no line or polygon", "give lines and polygons, each of one part and without curves"
+        )
     try:
         return shapely.from_wkb(data)
     except shapely.errors.ShapelyError as error:
-        raise ValueError(f"{where} is a damaged geometry: {shown(str(error))}") from error
+        raise Invalid((), where, "is a damaged geometry", shown(str(error))) from error
 
 
 def _head(data: bytes) -> int:
@@ -259,7 +265,7 @@ def _projection(path: Path, database: sqlite3.Connection, srs: object) -> str | 
     if srs == -1:
         return None
     if srs == 0:
-        raise ValueError(f"{path} is in degrees: {METRES}")
+        raise Invalid((), str(path), "is in degrees", METRES)
     query = "SELECT organization, organization_coordsys_id, definition FROM gpkg_spatial_ref_sys WHERE srs_id = ?"
     organization, code, definition = database.execute(query, (srs,)).fetchone() or ("", srs, "undefined")
     return f"EPSG:{code}" if str(organization).upper() == "EPSG" else str(definition)
@@ -281,7 +287,7 @@ def _shapefile(path: Path, data: bytes) -> _Layer:
             shapes = islice(reader.iterShapes(), MOST_FEATURES + 1)
             rows: list[Row] = [(next(values, {}), _of_json(shape.__geo_interface__)) for shape in shapes]
     except Exception as error:  # the library raises any type of error for a damaged file
-        raise ValueError(f"{path} cannot be read as a shapefile: {shown(str(error)) or 'it ends early'}") from error
+        raise Invalid((), str(path), "cannot be read as a shapefile", shown(str(error)) or "it ends early") from error
     return _Layer(rows, None if projection is None else projection.decode("utf-8", "replace").strip() or None)
 
 
@@ -308,7 +314,9 @@ def _encoding(page: bytes | None, table: bytes | None) -> str:
 def _geojson(path: Path, data: bytes) -> _Layer:
     """The features of a GeoJSON."""
     if len(data) > MOST_JSON:
-        raise ValueError(f"{path} has {len(data)} bytes, the limit for GeoJSON is {MOST_JSON}: give a GeoPackage")
+        raise Invalid(
+            (), str(path), f"has {len(data)} bytes, the limit for GeoJSON is {MOST_JSON}", "give a GeoPackage"
+        )
     try:
         content = json.loads(data)
         kind = content.get("type")
@@ -321,18 +329,21 @@ def _geojson(path: Path, data: bytes) -> _Layer:
         system = content.get("crs")
         name = None if system is None else str(system["properties"]["name"])
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError, shapely.errors.ShapelyError) as error:
-        raise ValueError(f"{path} cannot be read as GeoJSON: {shown(f'{type(error).__name__}: {error}')}") from error
+        raise Invalid((), str(path), "cannot be read as GeoJSON", shown(f"{type(error).__name__}: {error}")) from error
     if name is None:
         # By RFC 7946 coordinates are degrees.
         points = shapely.get_coordinates([shape for _, shape in rows])
         if not (np.abs(points) > WEST).any():
-            raise ValueError(
-                f"{path} has no member crs, so that its coordinates are degrees (RFC 7946): {METRES} and to GeoPackage"
+            raise Invalid(
+                (),
+                str(path),
+                "has no member crs, so that its coordinates are degrees (RFC 7946)",
+                f"{METRES} and to GeoPackage",
             )
         return _Layer(rows, None)
     code = re.search(r"EPSG:[\d.]*:?(\d+)$", name)
     if code is None and "CRS84" not in name:
-        raise ValueError(f"{path} has the coordinate system {shown(name)}: give an EPSG code, or a GeoPackage")
+        raise Invalid((), str(path), f"has the coordinate system {shown(name)}", "give an EPSG code, or a GeoPackage")
     return _Layer(rows, "EPSG:4326" if code is None else f"EPSG:{code[1]}")
 
 

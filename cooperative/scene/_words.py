@@ -33,6 +33,7 @@ from cooperative.scene._campaign import Campaign
 from cooperative.scene._files import as_text, from_text
 from cooperative.scene._site import Site, SiteLayer
 from cooperative.store import SCRIPTS, Source, table_of
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import short
 
 PACKAGES = {"builtins", "numpy", "jax", "jaxlib", "jaxmpm", "kl", "cooperative"}
@@ -92,7 +93,7 @@ def campaign_of_words(source: Source) -> Campaign:
         fields = {name: of_words(words, name) for name, words in table_of(source.beside, "campaign").items()}
         return Campaign(**fields)
     except (AttributeError, KeyError, TypeError, ValueError, zlib.error) as error:
-        raise ValueError(f"campaign.db holds no campaign ({error}): put back what it began with") from error
+        raise Invalid((), None, f"campaign.db holds no campaign ({error})", "put back what it began with") from error
 
 
 def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign:
@@ -112,7 +113,9 @@ def in_python(scene: Campaign | Source, estimator: Estimator | None) -> Campaign
     if estimator is not None:
         words, there = in_words(estimator), table_of(source.beside, "campaign").get("estimator")
         if words != there:
-            raise ValueError(f"the campaign's estimator is {there}, not {words}: give that one, or another folder")
+            raise Invalid(
+                (), None, f"the campaign's estimator is {there}, not {words}", "give that one, or another folder"
+            )
         campaign = dataclasses.replace(campaign, estimator=estimator)
     return dataclasses.replace(campaign, source=source)
 
@@ -151,9 +154,11 @@ def in_words(value: object, where: str = "campaign") -> object:
     elif kind is None and any(isinstance(method, FunctionType) for method in vars(type(value)).values()):
         attributes = vars(value)
     else:
-        raise ValueError(
-            f"{where} is {short(repr(value), 200)}, which has no words: a campaign's folder keeps numbers, texts, "
-            "arrays, functions and dataclasses of these"
+        raise Invalid(
+            (),
+            where,
+            f"is {short(repr(value), 200)}, which has no words",
+            "a campaign's folder keeps numbers, texts, arrays, functions and dataclasses of these",
         )
     fields = {name: in_words(item, f"{where}.{name}") for name, item in attributes.items()}
     if kind is not None:

@@ -469,11 +469,13 @@ class Seepage(Part):
         if self.given_by is not None:
             return
         if getattr(self, needed) is None:
-            raise ValueError(f"{name} lacks {needed}: add {needed} = {example}, or the pressure of another program")
+            raise Invalid((), name, f"lacks {needed}", f"add {needed} = {example}, or the pressure of another program")
         if self.soil is None and not self.layer:
-            raise ValueError(
-                f'{name} lacks the soil through which water flows: add soil = {{ soil_class = "loam" }}, or a '
-                "conductivity and a retention"
+            raise Invalid(
+                (),
+                name,
+                "lacks the soil through which water flows",
+                'add soil = { soil_class = "loam" }, or a conductivity and a retention',
             )
 
     def hydraulics(self, layer: str | None = None, *, rock: bool = False) -> tuple[Hydraulics, ...]:
