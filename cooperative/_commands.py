@@ -155,15 +155,15 @@ def status(args: argparse.Namespace) -> None:
     """Answer `jaxmpm status`."""
     from cooperative.reporting import progress_of, watched, words
 
-    look = partial(progress_of, args.folder)
+    progress = partial(progress_of, args.folder)
     if _asked_in_time(args.folder) is not None:
         from cooperative.tools.in_time import progress_in_time
 
-        look = partial(progress_in_time, args.folder)
+        progress = partial(progress_in_time, args.folder)
     if args.watch is None:
-        print(words(look()))
+        print(words(progress()))
         return
-    for now in watched(look, args.watch):
+    for now in watched(progress, args.watch):
         # A terminal shows each in place of the one before.
         print(f"{CLEAR if sys.stdout.isatty() else ''}{now}", flush=True)
 
@@ -456,10 +456,12 @@ def execute(args: argparse.Namespace) -> int:
         raise
     except (ValueError, OSError) as error:
         # The text of an OSError of our own stands alone; that of the system's needs the file's name beside it.
-        own = isinstance(error, OSError) and error.filename is None and error.strerror
+        message = isinstance(error, OSError) and error.filename is None and error.strerror
         if isinstance(error, OSError) and error.filename is not None:
-            own = f"{error.filename} cannot be used ({error.strerror}): give a file or folder that you may use"
-        print(f"error: {printable(own)}" if own else "\n".join(map(printable, _lines_of(error))), file=sys.stderr)
+            message = f"{error.filename} cannot be used ({error.strerror}): give a file or folder that you may use"
+        print(
+            f"error: {printable(message)}" if message else "\n".join(map(printable, _lines_of(error))), file=sys.stderr
+        )
         return 2
     except (RuntimeError, AssertionError):
         # JAX raises either where it was told to use a device that is not there.

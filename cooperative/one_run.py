@@ -119,7 +119,7 @@ def slide(
     least, limit = campaign.failing_volume, run.failure_displacement
     past, kept, failed = ReleaseHistory.start(np.asarray(scene.particles.volume), limit), {0.0: state}, None
 
-    def look(_: int, seconds: float, midway: Midway) -> None:
+    def report_moment(_: int, seconds: float, midway: Midway) -> None:
         nonlocal past, failed
         moved = np.linalg.norm(np.asarray(midway.state.displacement), axis=0)
         past = past.after(seconds, moved)
@@ -132,7 +132,7 @@ def slide(
     name, parameter = next(iter(declared(scene.material).items()))
     ((_, result),) = solve_each(
         scene, state, {name: [parameter.value]}, width=1, t_end=run.t_end, rules=campaign.rules(),
-        slides_end=model.slides_end, observe=look,
+        slides_end=model.slides_end, observe=report_moment,
     )  # fmt: skip
     kept[float(result.state.step) * float(result.time_step)] = result.state
     motion = past if grid in campaign.modes else None
@@ -162,7 +162,7 @@ def _certain(campaign: Campaign) -> Campaign:
     site, rain, drawdown = campaign.site, campaign.rain, campaign.drawdown
     return replace(
         campaign, random=all_certain(campaign.random),
-        ground=replace(site, layers=tuple(replace(each, random=all_certain(each.random)) for each in site.layers)),
+        ground=replace(site, layers=tuple(replace(layer, random=all_certain(layer.random)) for layer in site.layers)),
         rain=None if rain is None else rain.with_conductivities(lambda varies, _: certain(varies)),
         drawdown=None if drawdown is None else drawdown.with_conductivities(lambda varies, _: certain(varies)),
     )  # fmt: skip
@@ -195,12 +195,12 @@ def lines(run: Slide) -> Iterator[str]:
         yield f"  it reached {row['walls']}: draw the ground longer there"
 
 
-def animation_path(folder: Path, given: Path | None = None) -> Path:
+def animation_path(folder: Path, path: Path | None = None) -> Path:
     """The file that an animation is written to.
 
     Args:
         folder: of the other files.
-        given: name of an MP4 or a GIF; None for slide.mp4 in the folder where ffmpeg is there, else slide.gif.
+        path: name of an MP4 or a GIF; None for slide.mp4 in the folder where ffmpeg is there, else slide.gif.
 
     Raises:
         ValueError: another ending, a folder that is not there, or an MP4 where there is no ffmpeg.
@@ -208,7 +208,7 @@ def animation_path(folder: Path, given: Path | None = None) -> Path:
     from matplotlib.animation import FFMpegWriter  # loads what only animations need
 
     encodes = FFMpegWriter.isAvailable()
-    path = folder / f"slide.{'mp4' if encodes else 'gif'}" if given is None else given
+    path = folder / f"slide.{'mp4' if encodes else 'gif'}" if path is None else path
     if path.suffix not in WRITERS:
         raise ValueError(f"{path} is no name of an animation: give one that ends in {' or '.join(WRITERS)}")
     if path.parent != folder and not path.parent.is_dir():

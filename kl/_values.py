@@ -31,8 +31,8 @@ def _shown(value: object) -> str:
 
 def _text(value: Any) -> str:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        held = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.repr}
-        inner = (f"{name}={_text(item)}" for name, item in held.items() if item is not None)
+        values = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.repr}
+        inner = (f"{name}={_text(item)}" for name, item in values.items() if item is not None)
         return f"{type(value).__name__}({', '.join(inner)})"
     if isinstance(value, jax.Array | np.ndarray):
         if value.ndim == 0 and not isinstance(value, jax.core.Tracer):

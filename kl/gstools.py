@@ -49,11 +49,11 @@ def lengths_of(model: Any) -> tuple[float, ...]:
 
 def _smoothness(model: Any) -> float:
     name = type(model).__name__
-    known = {"Gaussian": math.inf, "Exponential": 0.5}
+    smoothness = {"Gaussian": math.inf, "Exponential": 0.5}
     if name == "Matern":
         return math.inf if model.nu > 20 else float(model.nu)  # GSTools takes the Gaussian limit there
-    require(name in known, f"a model of the kind {name}: give a Gaussian, Exponential or Matern one")
-    return known[name]
+    require(name in smoothness, f"a model of the kind {name}: give a Gaussian, Exponential or Matern one")
+    return smoothness[name]
 
 
 def from_gstools(model: Any) -> tuple[tuple[Covariance, ...], float, float]:
@@ -113,10 +113,12 @@ def to_gstools(covariance: tuple[Covariance, ...], *, variance: float = 1.0, nug
     import gstools
 
     first, *others = covariance
-    require(all(type(each) is type(first) for each in others), "covariances of several families: give one for all axes")
+    require(
+        all(type(model) is type(first) for model in others), "covariances of several families: give one for all axes"
+    )
     smoothness = SMOOTHNESS.get(type(first))
     require(smoothness is not None, f"{type(first).__name__}: give one of {[kind.__name__ for kind in SMOOTHNESS]}")
-    lengths = [float(each.length) for each in covariance]  # type: ignore[attr-defined]
+    lengths = [float(model.length) for model in covariance]  # type: ignore[attr-defined]
     shared = {"dim": len(covariance), "var": variance, "nugget": nugget, "rescale": 1.0}
     if type(first) is SquaredExponential:
         return gstools.Gaussian(len_scale=lengths, **shared)

@@ -72,9 +72,9 @@ class AuditPlan:
     floor: float = 0.05
     exploration: int = 12
 
-    def wave(self, drawn: int) -> int:
-        """Size of the wave that follows `drawn` runs of the audit."""
-        return max(self.first_wave, int(self.growth * drawn))
+    def wave(self, runs: int) -> int:
+        """Size of the wave that follows `runs` runs of the audit."""
+        return max(self.first_wave, int(self.growth * runs))
 
 
 FAR_DOWN = 0.05
@@ -181,7 +181,7 @@ def draw_wave(
     model: np.ndarray,
     *,
     weight: np.ndarray,
-    known: np.ndarray,
+    finished: np.ndarray,
     size: int,
     floor: float,
     doubt: np.ndarray | None = None,
@@ -193,13 +193,13 @@ def draw_wave(
         generator: of random numbers.
         model: (N,).
         weight: (N,).
-        known: (N,).
+        finished: (N,).
         size: most draws.
         floor: share of even draws.
         doubt: of each rank (N,), None for that of the model.
         order: sample of each rank (N,), where the draws are to be those of samples whatever their rank.
     """
-    unknown = np.flatnonzero(~known)
+    unknown = np.flatnonzero(~finished)
     doubt = weight * np.sqrt(model * (1 - model)) if doubt is None else doubt
     probability = (1 - floor) * doubt[unknown] / doubt[unknown].sum() + floor / unknown.size
     # Exponential arrival times with these rates come in the order of successive draws.
@@ -212,7 +212,7 @@ def draw_wave(
     first = first[np.argsort(arrival[first])]
     never = 1.0 - probability[first].sum() if size < unknown.size else 0.0
     remaining = never + np.cumsum(probability[first][::-1])[::-1]
-    chance = np.zeros(known.size)
+    chance = np.zeros(finished.size)
     chance[unknown] = probability
     return Wave(unknown[first], probability[first] / remaining, chance, model, floor)
 
@@ -276,20 +276,20 @@ def even_share(plan: AuditPlan, waves: Sequence[Wave], outcome: np.ndarray, *, s
 
 
 def hidden_limit(
-    waves: Sequence[Wave], outcome: np.ndarray, known: np.ndarray, *, weight: np.ndarray, level: float
+    waves: Sequence[Wave], outcome: np.ndarray, finished: np.ndarray, *, weight: np.ndarray, level: float
 ) -> float:
     """Upper limit, at confidence `level`, of the weight of failures below the lowest one seen.
 
     Args:
         waves: complete ones.
         outcome: by rank (N,); 1 while there are no draws.
-        known: by rank (N,); 1 while there are no draws.
+        finished: by rank (N,); 1 while there are no draws.
         weight: by rank (N,); 1 while there are no draws.
         level: confidence level.
     """
     failures = np.flatnonzero(outcome == 1)
     lowest = int(failures[-1]) if failures.size else -1
-    below = np.flatnonzero(~known & (np.arange(known.size) > lowest))
+    below = np.flatnonzero(~finished & (np.arange(finished.size) > lowest))
     if not below.size:
         return 0.0
     least = 0.0

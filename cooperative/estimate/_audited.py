@@ -189,18 +189,18 @@ SETTINGS = ("k_t", "refined_runs", "target_cov", "levels", "replicates")
 """Keys of a scene that are settings of one estimator or another."""
 
 
-def named_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
+def named_estimator(name: str, by_key: Mapping[str, Any]) -> Estimator:
     """The estimator of this name with the settings that a scene gives.
 
     Args:
         name: of the estimator in a scene.
-        given: settings by key, None for one that is not given.
+        by_key: settings by key, None for one that is not given.
 
     Raises:
         ValueError: other settings that are not the estimator's, and for one that it cannot do without.
     """
     kind = ESTIMATORS[name]
-    settings = {key: value for key, value in given.items() if value is not None}
+    settings = {key: value for key, value in by_key.items() if value is not None}
     takes = {setting.name: setting for setting in fields(kind)}
     for key, value in settings.items():
         if key in SETTINGS and key not in takes:

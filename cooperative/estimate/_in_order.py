@@ -43,7 +43,7 @@ class Ordered:
 
 
 def in_order(
-    outcome: np.ndarray, samples: int, *, target: float, budget: int, control: Control | None = None, look: int = 10
+    outcome: np.ndarray, samples: int, *, target: float, budget: int, control: Control | None = None, interval: int = 10
 ) -> Ordered:
     """Go through the runs again, from look to look.
 
@@ -54,7 +54,7 @@ def in_order(
         target: coefficient of variation.
         budget: most runs.
         control: of each sample by earlier outcomes, None for nothing.
-        look: runs between looks.
+        interval: runs between looks.
     """
     draw_weight, answers = np.zeros(0), np.zeros(0)
     while True:
@@ -63,8 +63,8 @@ def in_order(
             return Ordered(draw_weight, answers, runs)
         chance = _expected(outcome[:runs], samples, control)
         needed = _needed(draw_weight, answers, outcome[:runs], chance, target, controlled=control is not None)
-        size = min(look, budget - runs)
-        fixed = target_weights(needed, rest, drawn=runs, size=size, left=budget - runs, even=True)
+        size = min(interval, budget - runs)
+        fixed = target_weights(needed, rest, before=runs, size=size, budget=budget - runs, even=True)
         now = slice(runs, runs + fixed.size)
         if outcome.size < now.stop:
             return Ordered(draw_weight, answers, now.stop)
@@ -111,18 +111,18 @@ def _expected(outcome: np.ndarray, samples: int, control: Control | None) -> np.
     return np.full(samples, (answered.sum() + 2) / (answered.size + 4))
 
 
-def _scatter(draw_weight: np.ndarray, each: np.ndarray, chance: np.ndarray) -> tuple[float, float]:
+def _scatter(draw_weight: np.ndarray, answers: np.ndarray, chance: np.ndarray) -> tuple[float, float]:
     """Mean of runs and its variance, that of few runs combined with what is expected of them."""
     draw_weight = draw_weight / draw_weight.sum()
-    mean, squares = float(draw_weight @ each), float(draw_weight @ draw_weight)
-    spread = float(draw_weight**2 @ (each - mean) ** 2) / (1 - squares)
+    mean, squares = float(draw_weight @ answers), float(draw_weight @ draw_weight)
+    spread = float(draw_weight**2 @ (answers - mean) ** 2) / (1 - squares)
     expected = squares * float(np.mean(chance * (1 - chance)))
     return mean, (draw_weight.size * spread + PRIOR_DRAWS * expected) / (draw_weight.size + PRIOR_DRAWS)
 
 
 def _needed(
     draw_weight: np.ndarray,
-    each: np.ndarray,
+    answers: np.ndarray,
     outcome: np.ndarray,
     chance: np.ndarray,
     target: float,
@@ -133,7 +133,7 @@ def _needed(
     if not np.nansum(outcome):
         return 0.0
     even = np.ones_like(draw_weight)
-    mean, variance = _scatter(even, each, chance)
+    mean, variance = _scatter(even, answers, chance)
     probability = (min(max(mean, 0.0), 1.0) + float(chance.mean())) / 2
     sampling = probability * (1 - probability) / chance.size if controlled else 0.0
     return max((target * probability) ** 2 - sampling, 0.0) / (variance * draw_weight.size)

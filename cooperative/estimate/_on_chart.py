@@ -78,17 +78,17 @@ def on_chart(
         return np.where(np.isnan(answers), -1, np.where(answers > 0, 0, 1)).astype(int)
 
     rough, shape = first(np.asarray(fails, float)), fails.shape[1:]
-    fine = None if refined is None else {n: first(np.asarray(each, float)) for n, each in refined.items()}
+    fine = None if refined is None else {n: first(np.asarray(outcomes, float)) for n, outcomes in refined.items()}
     estimates = [
         in_time(
-            rough[:, *at], None if fine is None else {n: int(each[at]) for n, each in fine.items()},
+            rough[:, *at], None if fine is None else {n: int(outcomes[at]) for n, outcomes in fine.items()},
             factors[:, *at, None], 1, level=level,
         )[0]
         for at in np.ndindex(shape)
     ]  # fmt: skip
-    values = np.array([(each.probability, *each.interval) for each in estimates]).reshape(*shape, 3)
+    values = np.array([(estimate.probability, *estimate.interval) for estimate in estimates]).reshape(*shape, 3)
     rising = np.sort(np.sort(values, axis=0), axis=1).reshape(-1, 3).tolist()
     return [
-        replace(each, probability=chance, interval=(low, high))
-        for each, (chance, low, high) in zip(estimates, rising, strict=True)
+        replace(estimate, probability=chance, interval=(low, high))
+        for estimate, (chance, low, high) in zip(estimates, rising, strict=True)
     ]

@@ -93,10 +93,10 @@ def even_limit(
     count = np.arange(most + 1)
     none = missed(chance, np.maximum(count - certain, 0), unanswered)
 
-    def left(proportion: float) -> float:
+    def excess(proportion: float) -> float:
         return float(binom.pmf(count, samples, proportion) @ none) - (1 - level)
 
-    return float(brentq(left, 0.0, 1.0, xtol=1e-15, rtol=1e-10)) if left(1.0) < 0 else 1.0
+    return float(brentq(excess, 0.0, 1.0, xtol=1e-15, rtol=1e-10)) if excess(1.0) < 0 else 1.0
 
 
 def zone_limit(chance: np.ndarray, zones: Sequence[Zone], *, unanswered: int = 0, level: float) -> float:
@@ -128,7 +128,7 @@ def zone_limit(chance: np.ndarray, zones: Sequence[Zone], *, unanswered: int = 0
 
 def ranked_limit(
     waves: Sequence[Wave],
-    known: np.ndarray,
+    finished: np.ndarray,
     weight: np.ndarray,
     replicate: np.ndarray | None,
     *,
@@ -144,7 +144,7 @@ def ranked_limit(
 
     Args:
         waves: complete ones.
-        known: ranks that ran (N,) bool.
+        finished: ranks that ran (N,) bool.
         weight: by rank (N,).
         replicate: by rank (N,), None for independent samples.
         chains: by rank, None where they are not known.
@@ -153,10 +153,10 @@ def ranked_limit(
     # It holds at every look (Ville 1939), so what an earlier wave left open no later one opens again.
     earlier = 1.0
     if len(waves) > 1:
-        before = known.copy()
+        before = finished.copy()
         before[waves[-1].ranks] = False
         earlier = ranked_limit(waves[:-1], before, weight, replicate, chains=chains, level=level)
-    log_missed, open_ = np.zeros(weight.size), ~known
+    log_missed, open_ = np.zeros(weight.size), ~finished
     for wave in waves:
         reached = np.cumsum(np.where(open_, wave.chance, 0.0))
         for ratio in wave.chance[wave.ranks] / wave.probability:
@@ -178,7 +178,7 @@ def limit_of_one_outcome(
     population: Population,
     waves: Sequence[Wave],
     *,
-    known: np.ndarray,
+    finished: np.ndarray,
     weight: np.ndarray,
     replicate: np.ndarray | None,
     chains: Chains | None = None,
@@ -191,7 +191,7 @@ def limit_of_one_outcome(
     Args:
         population: samples of the first phase.
         waves: complete ones.
-        known: ranks that ran (N,) bool.
+        finished: ranks that ran (N,) bool.
         weight: by rank (N,).
         replicate: by rank (N,), None for independent samples.
         chains: by rank, None where they are not known.
@@ -200,12 +200,12 @@ def limit_of_one_outcome(
         level: confidence level of the limit.
     """
     uncertain, certain = unanswered
-    if known.all() and not uncertain + certain and population.zones is None and replicate is None:
+    if finished.all() and not uncertain + certain and population.zones is None and replicate is None:
         return exact_limit(population.size, level)
     if not exploration:
-        return ranked_limit(waves, known, weight, replicate, chains=chains, level=level)
+        return ranked_limit(waves, finished, weight, replicate, chains=chains, level=level)
     chance = even_chance(waves)
     if population.zones is not None:
         return zone_limit(chance, population.zones, unanswered=uncertain + certain, level=level)
-    unknown = int((~known).sum())
+    unknown = int((~finished).sum())
     return even_limit(chance, population.size, unknown=unknown, certain=certain, unanswered=uncertain, level=level)

@@ -200,7 +200,7 @@ class InOrder(Budgeted):
     def _ordered(self, target: float, population: Population, answers: Answers) -> Ordered:
         return in_order(
             _outcomes(answers), population.size, target=target, budget=self.budget(population.size),
-            control=self.control(population), look=LOOK,
+            control=self.control(population), interval=LOOK,
         )  # fmt: skip
 
     def path(self, population: Population, answers: Answers) -> list[Estimate]:

@@ -71,7 +71,7 @@ class _Replay:
     order: np.ndarray
     weight: np.ndarray
     outcome: np.ndarray
-    known: np.ndarray
+    finished: np.ndarray
     certain: np.ndarray
     waves: tuple[Wave, ...]
     draw_weight: np.ndarray
@@ -256,7 +256,7 @@ def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Itera
             doubtful = guarded(waves, so_far.outcome, so_far.model)
             drawn_by = weight * np.sqrt(doubtful * (1 - doubtful))
         wave = draw_wave(
-            generator, so_far.model, weight=weight, known=settled, size=size, floor=floor, doubt=drawn_by,
+            generator, so_far.model, weight=weight, finished=settled, size=size, floor=floor, doubt=drawn_by,
             order=of_samples,
         )  # fmt: skip
         draw_weight = _wave_weights(population, so_far, plan, wave, rest, remaining)
@@ -275,7 +275,7 @@ def _replays(population: Population, refined: Answers, plan: AuditPlan) -> Itera
 
 
 def _wave_weights(
-    population: Population, so_far: _Replay, plan: AuditPlan, wave: Wave, rest: float, left: int
+    population: Population, so_far: _Replay, plan: AuditPlan, wave: Wave, rest: float, budget: int
 ) -> np.ndarray:
     """Share of the estimate of each draw of the next wave, from the waves before alone.
 
@@ -287,16 +287,16 @@ def _wave_weights(
         plan: of the audit.
         wave: drawn, not yet run.
         rest: what is left of the shares.
-        left: draws that the budget allows.
+        budget: draws that the budget allows.
     """
-    size, drawn = wave.ranks.size, so_far.draw_weight.size
+    size, before = wave.ranks.size, so_far.draw_weight.size
     if plan.target_cov is None:
-        return weights_by_order(drawn, size)
+        return weights_by_order(before, size)
     needed = 0.0
     # Without a failure nothing shows how many draws a target takes.
-    if drawn and size < left and so_far.outcome_of_all is not False:
+    if before and size < budget and so_far.outcome_of_all is not False:
         # The estimate with shares by order is steadier while shares are few.
-        so_far = replace(so_far, draw_weight=weights_by_order(0, drawn))
+        so_far = replace(so_far, draw_weight=weights_by_order(0, before))
         audit = _audit(so_far, _groups(population, so_far))
         estimate = _scattered(population, so_far, plan, audit)
         expected = float(so_far.weight @ np.where(np.isnan(so_far.outcome), so_far.model, so_far.outcome))
@@ -304,18 +304,20 @@ def _wave_weights(
         variance = draw_variance(wave, model, so_far.weight)
         # Two waves at least.
         needed = min(needed_share(plan.target_cov, estimate, expected, audit.beyond, variance), 0.5 / plan.first_wave)
-    return target_weights(needed, rest, drawn=drawn, size=size, left=left)
+    return target_weights(needed, rest, before=before, size=size, budget=budget)
 
 
-def weights_by_order(drawn: int, size: int) -> np.ndarray:
-    """Share of draws (size,), in proportion, that follow `drawn` others.
+def weights_by_order(before: int, size: int) -> np.ndarray:
+    """Share of draws (size,), in proportion, that follow `before` others.
 
     Later draws rest on a better model and on more known outcomes.
     """
-    return np.sqrt(np.arange(drawn + 1.0, drawn + size + 1.0))
+    return np.sqrt(np.arange(before + 1.0, before + size + 1.0))
 
 
-def target_weights(needed: float, rest: float, *, drawn: int, size: int, left: int, even: bool = False) -> np.ndarray:
+def target_weights(
+    needed: float, rest: float, *, before: int, size: int, budget: int, even: bool = False
+) -> np.ndarray:
     """Shares of the draws of a wave of `size` (at most size,), of a mean of which `rest` is left to give.
 
     What the target does not need before the budget ends is shared out as without one. Draws that can carry all that is
@@ -324,15 +326,15 @@ def target_weights(needed: float, rest: float, *, drawn: int, size: int, left: i
     Args:
         needed: share of one draw by the target.
         rest: share that is left to give.
-        drawn: draws before.
+        before: draws before.
         size: draws of the wave.
-        left: draws that the budget still allows.
+        budget: draws that the budget still allows.
         even: whether later draws are worth no more than earlier ones.
     """
-    order = np.ones(left) if even else weights_by_order(drawn, left)
+    order = np.ones(budget) if even else weights_by_order(before, budget)
     draw_weight = np.maximum(rest * order[:size] / order.sum(), needed)
     enough = int(np.searchsorted(np.cumsum(draw_weight), rest)) + 1
-    if enough <= size or size == left:
+    if enough <= size or size == budget:
         draw_weight = draw_weight[:enough]
         draw_weight *= rest / draw_weight.sum()
     return draw_weight
@@ -380,12 +382,12 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
         estimate = replace(estimate, notes=(*estimate.notes, note))
     if np.isnan(estimate.audit_variance) or outcome_of_all is None or (outcome_of_all and not plan.exploration):
         return estimate
-    gone = np.flatnonzero(np.isnan(replay.outcome) & replay.known)
+    gone = np.flatnonzero(np.isnan(replay.outcome) & replay.finished)
     certain = int(np.isin(gone, replay.certain).sum())
     limit = limit_of_one_outcome(
         population,
         replay.waves,
-        known=replay.known,
+        finished=replay.finished,
         weight=replay.weight,
         replicate=None if population.replicate is None else population.replicate[replay.order],
         chains=None if population.chains is None else population.chains.moved(np.argsort(replay.order)),
@@ -426,7 +428,7 @@ def _scattered(
     weight, model, grouped = replay.weight, replay.model, population.replicate is not None
     runs = replay.certain.size + sum(wave.ranks.size for wave in replay.waves)
     notes = []
-    if unanswered := int(np.isnan(replay.outcome[replay.known]).sum()):
+    if unanswered := int(np.isnan(replay.outcome[replay.finished]).sum()):
         notes.append(f"{unanswered} refined runs gave no answer; the model replaces them")
     silent = bool(np.isnan(replay.outcome).all())
     if silent or np.isnan(audit.variance):
@@ -434,7 +436,7 @@ def _scattered(
         notes.append(f"{why}: the estimate is the model's")
         return Estimate(audit.total, (0.0, 1.0), np.inf, runs, "two-phase", level, tuple(notes), np.nan)
     variance, total = audit.variance, audit.total
-    if (plan.target_cov is not None or grouped) and not replay.known.all():
+    if (plan.target_cov is not None or grouped) and not replay.finished.all():
         # The scatter of few draws is combined with what the model expects of them.
         draws, expected = (
             replay.draw_weight.size,
@@ -446,7 +448,7 @@ def _scattered(
             variance += model_variance(replay.waves, replay.draw_weight, model=doubtful, weight=weight) - expected
     hidden = None
     if plan.exploration:
-        hidden = hidden_limit(replay.waves, replay.outcome, replay.known, weight=weight, level=level)
+        hidden = hidden_limit(replay.waves, replay.outcome, replay.finished, weight=weight, level=level)
     else:
         notes.append(
             "the interval has no allowance for failures among low-ranked samples that were not refined "

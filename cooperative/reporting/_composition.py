@@ -85,9 +85,9 @@ def _write(results: Results, figures: Iterable[Drawn]) -> None:
     target = own_folder(results.store.folder / "figures")
     for written in (results.store.folder, target):
         remove_leftovers(written)
-    for drawn in figures:
-        plots.lay_out(drawn.figure)
-        plots.save(drawn.figure, target / f"{drawn.name}.png")
+    for figure in figures:
+        plots.lay_out(figure.figure)
+        plots.save(figure.figure, target / f"{figure.name}.png")
 
 
 def _hazards(results: Results, labels: Mapping[str, str], cut: str) -> Iterator[Drawn]:
@@ -203,15 +203,17 @@ def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | N
     grid, numbers = results.drawn(slides)
     soils: Mapping[tuple[str, int], runs.SampleSoil] = runs.read_drawn(store.folder, chosen)
     samples = {number: read_sample(store, grid, number) for number in numbers}
-    begun: Callable[[Scalar | None], runs.GridModel] | None = None
+    model_at: Callable[[Scalar | None], runs.GridModel] | None = None
     if again or len(soils) < len(chosen):
         # The random soil of these samples is not stored, or they run again.
         campaign = campaign_of(store, estimator)
-        models, begun = models_of(campaign), cache(partial(model_of, campaign, grid))
+        models, model_at = models_of(campaign), cache(partial(model_of, campaign, grid))
         soils = {of: soils.get(of) or runs.soil_of(models[of[0]], samples[of[1]].coefficients) for of in chosen}
     for number in numbers[:slides]:
         sample, soil = samples[number], soils[grid, number]
-        shown = moments(begun(sample.row.get(FAILED_AT)), sample) if again and begun else stored_moments(sample, soil)
+        shown = (
+            moments(model_at(sample.row.get(FAILED_AT)), sample) if again and model_at else stored_moments(sample, soil)
+        )
         yield from drawn_slide(ground, grid, sample, soil, shown)
         if ground.dimension == 3 and shown.times:
             of, displacement = ground.grids[grid], np.stack(shown.displacement)
@@ -221,7 +223,7 @@ def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | N
     first = samples[numbers[0]]
     if {"displacement", "plastic_strain"} <= first.fields.keys():
         yield drawn_change(ground, grid, first)
-    yield from drawn_fields(ground, first, {each: soils[each, numbers[0]] for each in GRIDS})
+    yield from drawn_fields(ground, first, {grid_name: soils[grid_name, numbers[0]] for grid_name in GRIDS})
 
 
 def stored_moments(sample: FinishedRun, soil: runs.SampleSoil) -> runs.Frames:
@@ -240,7 +242,7 @@ def moments(model: runs.GridModel, sample: FinishedRun) -> runs.Frames:
     times: list[float] = []
     displacements: list[np.ndarray] = []
 
-    def look(_: int, seconds: float, midway: Midway) -> None:
+    def report_moment(_: int, seconds: float, midway: Midway) -> None:
         displacement = midway.state.displacement
         if due and float(np.linalg.norm(displacement, axis=0).max()) >= due[0]:
             del due[0]
@@ -251,7 +253,7 @@ def moments(model: runs.GridModel, sample: FinishedRun) -> runs.Frames:
     varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(
         model.scene, model.state, varied, width=1, t_end=run.t_end, rules=model.campaign.rules(),
-        slides_end=model.slides_end, observe=look,
+        slides_end=model.slides_end, observe=report_moment,
     ):  # fmt: skip
         end = int(result.state.step) * float(result.time_step)
         if not times or end > times[-1]:

@@ -244,9 +244,9 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
         )
     if measured is not None:
         axes[0].plot(*measured[:, :2].T, ".", color="k", ms=2, label="measured")
-        moments = [each[planes["refined"]] / scale.size for each in conditioned(fine, name, coefficients)]
+        moments = [field[planes["refined"]] / scale.size for field in conditioned(fine, name, coefficients)]
         _moments(figure, axes[rows:], sections["refined"], moments, scale, None if mapped else measured)
-    shown_values = {grid: each[name][planes[grid]] / scale.size for grid, each in values.items()}
+    shown_values = {grid: fields[name][planes[grid]] / scale.size for grid, fields in values.items()}
     norm, of = Normalize(*plots.ends(shown_values.values())), ", one sample" if fine.campaign.random else ""
     uniform = norm.vmin == norm.vmax
     of += f", {scale.word} {norm.vmin:.4g} {scale.unit}" if uniform else ""

@@ -92,10 +92,13 @@ def profiles(model: GridModel, plane: np.ndarray) -> list[Profile]:
     result = []
     for number, (station, column) in enumerate(columns.items()):
         at = found[station]
-        each = {name: np.split(values, ends, axis=1)[number] for name, values in values_of_samples.items()}
+        of_column = {name: np.split(values, ends, axis=1)[number] for name, values in values_of_samples.items()}
         bare = np.where(rock[column], np.nan, 1.0)
-        mean = {name: bare * (each[name].mean(axis=0) if name in each else of[column]) for name, of in certain.items()}
-        tails = {name: bare * np.quantile(values, TAILS, axis=0) for name, values in each.items()}
+        mean = {
+            name: bare * (of_column[name].mean(axis=0) if name in of_column else of[column])
+            for name, of in certain.items()
+        }
+        tails = {name: bare * np.quantile(values, TAILS, axis=0) for name, values in of_column.items()}
         depth = surface[at] - position[-1, column]
         result.append(Profile(station, float(x[at]), float(surface[at]), depth, mean, tails))
     return result

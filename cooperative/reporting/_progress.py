@@ -131,11 +131,11 @@ def progress_of(folder: str | Path, *, estimator: Estimator | None = None) -> Pr
     return Progress(campaign.name, *controller_of(store), tuple(grids), estimate, mixed_versions(rows))
 
 
-def watched(look: Callable[[], Progress], every: float) -> Iterator[str]:
+def watched(progress: Callable[[], Progress], every: float) -> Iterator[str]:
     """The progress in words, again and again `every` (s) after the last, until nobody runs the campaign any more.
 
     Args:
-        look: gives it.
+        progress: gives it.
         every: seconds between two readings.
 
     Raises:
@@ -144,7 +144,7 @@ def watched(look: Callable[[], Progress], every: float) -> Iterator[str]:
     if not 0 < every < float("inf"):
         raise ValueError(f"--watch {every:g}: give the seconds between two looks, above 0")
     while True:
-        now = look()
+        now = progress()
         yield words(now)
         if not now.running:
             return

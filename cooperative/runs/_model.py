@@ -359,13 +359,13 @@ class GridModel:
         if not self.of_flow:
             return {}
         campaign, scene = self.campaign, self.scene
-        own = under_own_flow(campaign, self.soil, coefficients).site
-        assert own.pressure is not None
+        site = under_own_flow(campaign, self.soil, coefficients).site
+        assert site.pressure is not None
         bare = replace(scene, loads=replace(scene.loads, pore_pressure=None))
-        wet = own.pressure.on(bare, own, campaign.grids[self.grid])
+        wet = site.pressure.on(bare, site, campaign.grids[self.grid])
         weight = STANDARD_GRAVITY * wet.particles.mass / wet.particles.volume
-        given = {PRESSURE: wet.loads.pore_pressure, "unit_weight": weight, ON_WALLS: wet.boundary.pressure}
-        return {name: value for name in self.of_flow if (value := given[name]) is not None}
+        values = {PRESSURE: wet.loads.pore_pressure, "unit_weight": weight, ON_WALLS: wet.boundary.pressure}
+        return {name: value for name in self.of_flow if (value := values[name]) is not None}
 
     def _in_law(self, drawn: Mapping[str, jax.Array], level: float | None) -> dict[str, jax.Array]:
         """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""

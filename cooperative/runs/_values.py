@@ -70,9 +70,9 @@ def values_at(
     )
     numbers = list(groups)
     of_layer = [number if number in groups else None for number in range(len(layers))]
-    marginals = tuple(soil.marginal(each, name, sample, stops) for each, stops in zip(layers, of_layer, strict=True))
+    marginals = tuple(soil.marginal(layer, name, sample, stops) for layer, stops in zip(layers, of_layer, strict=True))
     which = tuple(numbers.index(stops) if stops in groups else 0 for stops in of_layer)
-    grown = tuple(times(by, soil.factor(each, sample)) for by, each in zip(growth, layers, strict=True))
+    grown = tuple(times(by, soil.factor(layer, sample)) for by, layer in zip(growth, layers, strict=True))
     return _values(fields, which, marginals, grown, layer)
 
 
@@ -96,10 +96,10 @@ def _values(
     which: number of the field of each layer.
     """
     gaussian = [kl.field_at(*field) for field in fields]
-    each = [
+    values = [
         marginal.transform(gaussian[number]) if growth is None else marginal.transform(gaussian[number]) * growth
         for number, marginal, growth in zip(which, marginals, grown, strict=True)
     ]
     if layer is None:
-        return each[0]
-    return jnp.take_along_axis(jnp.stack(each), jnp.asarray(layer)[None], axis=0)[0]
+        return values[0]
+    return jnp.take_along_axis(jnp.stack(values), jnp.asarray(layer)[None], axis=0)[0]

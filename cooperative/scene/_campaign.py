@@ -122,9 +122,9 @@ class Campaign(Part):
 
     @validates(mode="before")
     @classmethod
-    def _completed(cls, given: ArgsKwargs | dict[str, Any]) -> dict[str, Any]:
+    def _completed(cls, arguments: ArgsKwargs | dict[str, Any]) -> dict[str, Any]:
         """Complete what was given: ground alone is a site, soil has the means of what varies, a run its limit load."""
-        values = dict(given if isinstance(given, dict) else given.kwargs or {})
+        values = dict(arguments if isinstance(arguments, dict) else arguments.kwargs or {})
         site, random, measured = (values.get(name) for name in ("ground", "random", "measured"))
         if site is not None and not isinstance(site, Site | FromScript):
             values["ground"] = Site(site)
@@ -201,7 +201,7 @@ class Campaign(Part):
         table = self.seepage
         if table is None:
             return ()
-        layers = tuple(table.hydraulics(each.name, rock=each.rock) for each in self.site.layers)
+        layers = tuple(table.hydraulics(layer.name, rock=layer.rock) for layer in self.site.layers)
         return layers or (table.hydraulics(),)
 
     @cached_property
@@ -209,7 +209,7 @@ class Campaign(Part):
         """Conductivity that varies, by the layer at which its field stops, None where it goes through all."""
         table, random = self.seepage, dict[int | None, RandomField]()
         for number, tables in enumerate(self.hydraulics):
-            source = next((each for each in tables if each.conductivity is not None), None)
+            source = next((table for table in tables if table.conductivity is not None), None)
             if source is not None and isinstance(source.conductivity, RandomField):
                 whole = table is not None and source is table.soil
                 random[None if whole else number] = source.conductivity
@@ -224,8 +224,8 @@ class Campaign(Part):
     def varying_in(self, number: int) -> Mapping[str, RandomField]:
         """What varies by a field that stops at a layer of this number, by parameter of the soil or the flow."""
         layer, flows = self.site.layers[number], self.conductivities.get(number)
-        own = {name: field for name, field in layer.random.items() if name in layer.own}
-        return own if flows is None else {**own, CONDUCTIVITY: flows}
+        stopping = {name: field for name, field in layer.random.items() if name in layer.own}
+        return stopping if flows is None else {**stopping, CONDUCTIVITY: flows}
 
     def drained(self) -> Campaign:
         """The campaign whose soil keeps its pore pressure, as until it fails; itself where no soil has a B-value.
@@ -573,8 +573,8 @@ def check_moving(campaign: Campaign) -> None:
             raise Invalid(path, shown(layer.name), "is no [[layer]] of the ground", remedy)
     for where, conducts in campaign.conductivities.items():
         with at(*((name, "soil") if where is None else (name, "layer", site.layers[where].name)), CONDUCTIVITY):
-            if (given := table.given_by) is not None:
-                rule = f"varies beside {given}, in which another program's flow has one answer for all samples"
+            if (source := table.given_by) is not None:
+                rule = f"varies beside {source}, in which another program's flow has one answer for all samples"
                 raise Invalid((), None, rule, "give it as a number")
             conducts.check(LIMITS[CONDUCTIVITY], site.span)
 
@@ -610,22 +610,22 @@ def _check_weights(campaign: Campaign) -> None:
 
 def _check_fields_of(campaign: Campaign, number: int, layer: SiteLayer) -> None:
     """Raise ValueError for fields that stop at a layer and have not its axes, or correlate with others that do not."""
-    own = campaign.varying_in(number)
-    for name, varies in own.items():
+    varying = campaign.varying_in(number)
+    for name, varies in varying.items():
         if len(varies.length) != campaign.dimension:
             rule = f"has a length of {len(varies.length)} values"
             raise Invalid((f"{layer.label}: {name}",), None, rule, f"give {campaign.dimension}, one per axis")
     if campaign.cross_correlation is None:
         return
     together = campaign.cross_correlation.parameters
-    through = [name for name in together if name not in own]
+    through = [name for name in together if name not in varying]
     if len(through) == len(together):
         return
     if through:
-        rule = f"has a field of {', '.join(own)} alone, and not of {', '.join(through)}, with which it correlates"
+        rule = f"has a field of {', '.join(varying)} alone, and not of {', '.join(through)}, with which it correlates"
         raise Invalid((layer.label,), None, rule, "give a length to all of them, or to none")
     with at(layer.label):
-        check_cross_correlation(campaign.cross_correlation, own)
+        check_cross_correlation(campaign.cross_correlation, varying)
 
 
 def _check_boreholes(campaign: Campaign, gathered: Gathered) -> None:
@@ -634,15 +634,15 @@ def _check_boreholes(campaign: Campaign, gathered: Gathered) -> None:
     through: list[tuple[int | None, str, RandomField]] = [
         (None, name, varies) for name, varies in campaign.varying.items() if campaign.site.spans(name)
     ]
-    own = [campaign.varying_in(number) for number in range(len(layers))]
-    through += [(number, name, varies) for number, each in enumerate(own) for name, varies in each.items()]
+    of_layers = [campaign.varying_in(number) for number in range(len(layers))]
+    through += [(number, name, varies) for number, varying in enumerate(of_layers) for name, varies in varying.items()]
     for number, name, varies in through:
-        if varies.boreholes is None or not any(name in each for each in own):
+        if varies.boreholes is None or not any(name in varying for varying in of_layers):
             continue
         positions = np.array([row[:-1] for row in varies.boreholes], float).T
         of_layer = campaign.site.layer_of(positions, campaign.grids["refined"])
         assert of_layer is not None  # there are layers
-        stops = np.array([name in each for each in own])[of_layer]
+        stops = np.array([name in varying for varying in of_layers])[of_layer]
         foreign = np.flatnonzero(np.where(stops, of_layer, -1) != (-1 if number is None else number))
         if foreign.size:
             gathered.faults.append(_of_other_ground(campaign, name, positions[:, foreign], of_layer[foreign]))

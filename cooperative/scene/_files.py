@@ -64,25 +64,30 @@ class Files:
         Raises:
             ValueError: one that is damaged.
         """
-        known = table if isinstance(table, dict) else {}
-        return cls({name: unpacked(name, each) if isinstance(each, dict) else each for name, each in known.items()})
+        contents = table if isinstance(table, dict) else {}
+        return cls(
+            {
+                name: unpacked(name, content) if isinstance(content, dict) else content
+                for name, content in contents.items()
+            }
+        )
 
     def table(self, terrain: tables.TerrainTable | None) -> dict[str, object]:
         """The table `files`: of a raster the part between the walls of [terrain], at its step if that reaches them."""
         content = dict(self.known)
-        for name, each in self.known.items():
-            if isinstance(each, Raster) and terrain is not None:
-                x, y = each.ends
+        for name, raster in self.known.items():
+            if isinstance(raster, Raster) and terrain is not None:
+                x, y = raster.ends
                 try:
-                    each = each.cropped(terrain.x or x, terrain.y or y)
+                    raster = raster.cropped(terrain.x or x, terrain.y or y)
                 except ValueError as error:
                     raise Invalid((), name, "does not reach the walls", str(error)) from error
                 if terrain.step is not None:
-                    stepped = each.resampled(terrain.step)
+                    stepped = raster.resampled(terrain.step)
                     ends = zip(stepped.ends, (terrain.x, terrain.y), strict=True)
-                    each = stepped if all(wall is None or wall[1] <= end[1] + 1e-6 for end, wall in ends) else each
-            if isinstance(each, Raster | BaseMotion):
-                content[name] = packed(name, each)
+                    raster = stepped if all(wall is None or wall[1] <= end[1] + 1e-6 for end, wall in ends) else raster
+            if isinstance(raster, Raster | BaseMotion):
+                content[name] = packed(name, raster)
         return content
 
     def points(self, name: str, *, outline: bool = False) -> list[object]:

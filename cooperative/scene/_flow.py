@@ -38,7 +38,7 @@ class Solved:
 
     Args:
         times: (n,) s, from 0.
-        known: heads at each of them.
+        at_times: heads at each of them.
         cells: of the flow.
         number: of the layer of each cell.
         rained: water that fell on the ground up to the last time (m3, in a section m2).
@@ -49,7 +49,7 @@ class Solved:
     """
 
     times: np.ndarray
-    known: tuple[Heads, ...]
+    at_times: tuple[Heads, ...]
     cells: Cells
     number: np.ndarray
     rained: float
@@ -64,7 +64,7 @@ class Solved:
         after = min(int(np.searchsorted(self.times, time, side="right")), len(self.times) - 1)
         before = max(after - 1, 0)
         share = (time - self.times[before]) / max(self.times[after] - self.times[before], 1e-300)
-        first, last = self.known[before], self.known[after]
+        first, last = self.at_times[before], self.at_times[after]
         return replace(first, total=jnp.asarray((1 - share) * first.total + share * last.total))
 
     def pressure(self, position: np.ndarray, time: float, unit_weight: float = WATER_WEIGHT) -> np.ndarray:
@@ -139,8 +139,8 @@ def at_time(campaign: Campaign, time: float | None = None, flow: PressureInTime 
     flow = campaign.flow if flow is None else flow
     retentions = retentions_of(campaign)
     heavier = campaign.run.gravity / STANDARD_GRAVITY
-    usual = next((each for each in retentions if each is not None), None)
-    filled = None if usual is None else tuple(each or usual for each in retentions)
+    usual = next((retention for retention in retentions if retention is not None), None)
+    filled = None if usual is None else tuple(retention or usual for retention in retentions)
     resting = Resting(
         moment, flow.heads(moment), filled, table.suction,
         _pool(campaign, moment), _dry(campaign.soil, site, retentions), WATER_WEIGHT * heavier,
@@ -154,7 +154,7 @@ def at_time(campaign: Campaign, time: float | None = None, flow: PressureInTime 
 
 def _dry(soil: AnySoil, site: Site, retentions: Sequence[Retention | None]) -> tuple[float, ...]:
     """Unit weight of each layer without its water (N/m3), nan where no saturated one is given."""
-    saturated = [getattr(each.soil, "saturated_unit_weight", None) for each in site.soils(soil)]
+    saturated = [getattr(layer_soil.soil, "saturated_unit_weight", None) for layer_soil in site.soils(soil)]
     return tuple(
         math.nan if wet is None or retention is None else float(wet - WATER_WEIGHT * float(retention.porosity))
         for wet, retention in zip(saturated, retentions, strict=True)
@@ -174,7 +174,7 @@ def _surface(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
     axes = [
         low + edge * (np.arange(200) + 0.5) / 200 for low, edge in zip(shape.corner[:-1], shape.extent, strict=False)
     ]
-    plan = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")])
+    plan = np.stack([coordinate.ravel() for coordinate in np.meshgrid(*axes, indexing="ij")])
     heights = np.asarray(shape.heights(*plan), float)
     there = np.isfinite(heights)
     return plan[:, there], heights[there]
@@ -192,17 +192,17 @@ def retentions_of(campaign: Campaign) -> tuple[Retention | None, ...]:
     Raises:
         ValueError: numbers that are missing or out of their limits.
     """
-    labels = [f"layer {shown(each.name)}" for each in campaign.site.layers] or ["soil"]
+    labels = [f"layer {shown(layer.name)}" for layer in campaign.site.layers] or ["soil"]
     return tuple(
         _retention(tables, label) if tables else None for tables, label in zip(campaign.hydraulics, labels, strict=True)
     )
 
 
-def _retention(given: tuple[Hydraulics, ...], where: str) -> Retention:
+def _retention(tables: tuple[Hydraulics, ...], where: str) -> Retention:
     """The soil of a layer by the tables from which it has its numbers, its own first."""
-    numbers = {name: value for table in reversed(given) for name, value in table.numbers.items()}
-    name = next((table.soil_class for table in given if table.soil_class is not None), None)
-    model = next((table.model for table in given if table.model is not None), "van genuchten")
+    numbers = {name: value for table in reversed(tables) for name, value in table.numbers.items()}
+    name = next((table.soil_class for table in tables if table.soil_class is not None), None)
+    model = next((table.model for table in tables if table.model is not None), "van genuchten")
     with jax.enable_x64(True):
         try:
             if model == "gardner":
@@ -222,13 +222,13 @@ def _retention(given: tuple[Hydraulics, ...], where: str) -> Retention:
 
 def _conductivities(campaign: Campaign) -> tuple[RandomField | float, ...]:
     """The conductivity of each layer, or of all of the ground: a field, or its number (m/s); 0 where no water flows."""
-    given = [
-        next((each.conductivity for each in tables if each.conductivity is not None), None)
+    conductivities = [
+        next((table.conductivity for table in tables if table.conductivity is not None), None)
         for tables in campaign.hydraulics
     ]
     return tuple(
         value if isinstance(value, RandomField) else 0.0 if soil is None else float(soil.conductivity)
-        for value, soil in zip(given, retentions_of(campaign), strict=True)
+        for value, soil in zip(conductivities, retentions_of(campaign), strict=True)
     )
 
 
@@ -290,7 +290,7 @@ class CampaignFlow:
         table = campaign.seepage
         assert table is not None
         cells, number, layer = _cells(campaign, table)
-        soils = [each for each in retentions_of(campaign) if each is not None]
+        soils = [retention for retention in retentions_of(campaign) if retention is not None]
         with jax.enable_x64(True):
             soil: Any = seepage.zoned(soils, number) if len(soils) > 1 else soils[0]  # type: ignore[type-var]
             start = _at_rest(campaign, table, cells)
@@ -317,7 +317,9 @@ class CampaignFlow:
         table = self.table
         times = sorted({0.0, *table.times, table.moment})
         usual = self.problem.soil.conductivity
-        lanes = np.stack([np.asarray(usual) if each is None else each for each in conductivities])
+        lanes = np.stack(
+            [np.asarray(usual) if conductivity is None else conductivity for conductivity in conductivities]
+        )
 
         def with_soil(problem: Problem, conductivity: jax.Array) -> Problem:
             return replace(problem, soil=replace(problem.soil, conductivity=conductivity))
@@ -352,7 +354,7 @@ class CampaignFlow:
     def _of_lane(self, flow: Flow, times: Sequence[float]) -> Solved:
         """One flow, on the host."""
         heads = [np.asarray(head, float) for head in flow.head]
-        known = tuple(_host(Heads.of(self.problem, head)) for head in flow.head)
+        at_times = tuple(_host(Heads.of(self.problem, head)) for head in flow.head)
         # Under a pool it is no wonder that it is.
         rate = self.table.rate
         rains = rate is not None and max(value for _, value in rate) > 0
@@ -361,7 +363,7 @@ class CampaignFlow:
         rained = float(np.sum(np.asarray(flow.record.rain)))
         balance = float(np.max(np.asarray(flow.balance_error)[: int(flow.steps)]))
         return Solved(
-            np.array(times), known, self.cells, self.number, rained, rained - float(flow.runoff), balance,
+            np.array(times), at_times, self.cells, self.number, rained, rained - float(flow.runoff), balance,
             int(flow.steps), full,
         )  # fmt: skip
 
@@ -393,12 +395,12 @@ def _cells(campaign: Campaign, table: Seepage) -> tuple[Cells, np.ndarray, np.nd
     if layer is None:
         return cells, np.zeros(cells.shape, int), np.zeros(cells.shape, int)
     layer = layer.reshape(cells.shape)
-    wet = np.array([each is not None for each in retentions])
+    wet = np.array([retention is not None for retention in retentions])
     if not any(wet):
         raise Invalid((), None, "no layer has soil through which water flows", "give soil, or a layer of it")
-    for number, each in enumerate(site.layers):
-        if not wet[number] and not each.rock:
-            raise Invalid((), each.label, "has no conductivity", "give soil for all, or a layer of that name")
+    for number, stratum in enumerate(site.layers):
+        if not wet[number] and not stratum.rock:
+            raise Invalid((), stratum.label, "has no conductivity", "give soil for all, or a layer of that name")
     active = cells.soil & wet[layer]
     count = np.cumsum(wet) - 1
     return replace(cells, active=active), np.where(active, count[layer], 0), layer
@@ -468,13 +470,13 @@ def _sides(campaign: Campaign, table: Seepage, start: Start) -> list[AtSide]:
     shape = campaign.site.shape
     conditions = []
     x0, x1 = shape.corner[0], shape.corner[0] + shape.extent[0]
-    for side, given, x in (("left", table.left, x0), ("right", table.right, x1)):
-        if given == "closed":
+    for side, end_level, x in (("left", table.left, x0), ("right", table.right, x1)):
+        if end_level == "closed":
             continue
-        if given is not None:
-            level = _series(given)
-            if isinstance(level, tuple) and given[0][0] > 0:
-                level = level[0], np.r_[given[0][1], level[1][1:]]
+        if end_level is not None:
+            level = _series(end_level)
+            if isinstance(level, tuple) and end_level[0][0] > 0:
+                level = level[0], np.r_[end_level[0][1], level[1][1:]]
         elif table.initial_rate is not None or campaign.dimension == 3:
             continue
         else:
@@ -494,12 +496,12 @@ def _given(campaign: Campaign, table: Seepage) -> PressureTable:
     """The pore pressure of another program, checked against the ground."""
     if table.water_tables is None:
         assert table.pressure is not None
-        known = PressureTable.of_rows(table.pressure)
+        pressures = PressureTable.of_rows(table.pressure)
     else:
-        known = PressureTable.of_rasters(dict(cast("Sequence[tuple[float, Raster]]", table.water_tables)))
-    known.check_ground(campaign.site.shape)
-    if all(each is None for each in retentions_of(campaign)) and any(
-        getattr(each.soil, "saturated_unit_weight", None) is not None for each in campaign.site.soils(campaign.soil)
+        pressures = PressureTable.of_rasters(dict(cast("Sequence[tuple[float, Raster]]", table.water_tables)))
+    pressures.check_ground(campaign.site.shape)
+    if all(retention is None for retention in retentions_of(campaign)) and any(
+        getattr(layer.soil, "saturated_unit_weight", None) is not None for layer in campaign.site.soils(campaign.soil)
     ):
         rule = (
             "beside the pressure of another program lacks the soil's porosity and retention, by which weight follows "
@@ -507,7 +509,7 @@ def _given(campaign: Campaign, table: Seepage) -> PressureTable:
         )
         raise Invalid((), "saturated_unit_weight", rule, "give soil in the table of the pressure, or leave it out")
     for time in (*table.times, table.moment):
-        heads = known.heads(time)
+        heads = pressures.heads(time)
         plan, heights = _surface(campaign)
         pool = table.level_at(time)
         over = heads.at(np.vstack([plan, heights])) - (0.0 if pool is None else np.maximum(pool - heights, 0.0))
@@ -520,4 +522,4 @@ def _given(campaign: Campaign, table: Seepage) -> PressureTable:
                 f"{'and no level is given' if pool is None else f'above the level of {pool:g} m'}",
                 "give level for the pool, or heads of this ground",
             )
-    return known
+    return pressures

@@ -26,17 +26,17 @@ DATUMS = ("datum", "ellps", "a", "b", "rf", "towgs84", "nadgrids", "no_defs", "t
 """Of the numbers of a coordinate system, those of its datum."""
 
 
-def refuse_unmetric(where: str, given: str) -> None:
+def refuse_unmetric(where: str, projection: str) -> None:
     """Refuse a coordinate system whose numbers are no metres on the ground.
 
     Args:
         where: the file, for the message.
-        given: its coordinate system as WKT, or "EPSG:" and a number, or its name.
+        projection: its coordinate system as WKT, or "EPSG:" and a number, or its name.
 
     Raises:
         ValueError: it is in degrees, feet or metres of a map of the whole world, or is not known.
     """
-    crs = _in_plan(where, given)
+    crs = _in_plan(where, projection)
     remedy = "project it to the metres of the surface first, e.g. with ogr2ogr -t_srs"
     if crs.is_geographic or crs.is_geocentric:
         raise Invalid((), where, f"is in degrees ({shown(crs.name)})", remedy)
@@ -48,12 +48,12 @@ def refuse_unmetric(where: str, given: str) -> None:
         raise Invalid((), where, f"is in {shown(crs.name)}, whose metres are stretched away from the equator", remedy)
 
 
-def compare_projections(where: str, given: str, other: str, there: str) -> str | None:
+def compare_projections(where: str, projection: str, other: str, there: str) -> str | None:
     """Compare the coordinate systems of two files, and refuse different projections.
 
     Args:
         where: the file.
-        given: its coordinate system.
+        projection: its coordinate system.
         other: the first file.
         there: its coordinate system.
 
@@ -63,29 +63,29 @@ def compare_projections(where: str, given: str, other: str, there: str) -> str |
     Raises:
         ValueError: they have different projections; the message names both.
     """
-    if given == there:
+    if projection == there:
         return None
-    mine, first = _in_plan(where, given), _in_plan(other, there)
-    if mine.equals(first, ignore_axis_order=True):
+    crs, first = _in_plan(where, projection), _in_plan(other, there)
+    if crs.equals(first, ignore_axis_order=True):
         return None
-    names = f"{where} is in {shown(mine.name)} and {other} in {shown(first.name)}"
-    if not (_numbers(mine) and _numbers(mine) == _numbers(first)):
+    names = f"{where} is in {shown(crs.name)} and {other} in {shown(first.name)}"
+    if not (_numbers(crs) and _numbers(crs) == _numbers(first)):
         raise Invalid((), names, "", "project it to the same one, e.g. with ogr2ogr -t_srs")
-    if _datum(mine) == _datum(first):
+    if _datum(crs) == _datum(first):
         return None
     return f"{names}, one projection of two datums, which may lie 2 m apart: nothing is shifted"
 
 
-def _in_plan(where: str, given: str) -> CRS:
+def _in_plan(where: str, projection: str) -> CRS:
     """The horizontal part of a coordinate system."""
     pyproj = extra("pyproj", f"{where} states its coordinate system, which pyproj reads")
-    code = re.fullmatch(r"EPSG:(\d{1,6})", given)
+    code = re.fullmatch(r"EPSG:(\d{1,6})", projection)
     try:
-        if len(given) > MOST_TEXT:
+        if len(projection) > MOST_TEXT:
             raise ValueError
         # An extension holds parameters of PROJ, some of which name files.
-        text = re.sub(r',\s*EXTENSION\["[^"]*","[^"]*"\]', "", given)
-        if number := NAMES.get(given.lower(), code and int(code[1])):
+        text = re.sub(r',\s*EXTENSION\["[^"]*","[^"]*"\]', "", projection)
+        if number := NAMES.get(projection.lower(), code and int(code[1])):
             crs = pyproj.CRS.from_epsg(number)
         else:
             # No name of a coordinate system has the signs of PROJ's own words.
@@ -96,7 +96,7 @@ def _in_plan(where: str, given: str) -> CRS:
         raise Invalid(
             (),
             where,
-            f"has a coordinate system that is not known, {shown(given)}",
+            f"has a coordinate system that is not known, {shown(projection)}",
             "give it one, e.g. with ogr2ogr -a_srs",
         ) from error
     return crs

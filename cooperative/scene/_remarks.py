@@ -49,9 +49,9 @@ def remarks(campaign: Campaign) -> Iterator[str]:
                     "counts there is whether its own ground is carried away, which has no loss"
                 )
     fields = [
-        each
+        item
         for random in (campaign.random, *(layer.random for layer in campaign.site.layers))
-        for each in random.items()
+        for item in random.items()
     ]
     yield from _unresolved(fields, campaign.refined.cell)
     yield from _of_sizes(campaign)

@@ -66,9 +66,9 @@ def soils_of(
             soil, random = _soil_of(table, SOIL, ground, of_strength=strength)
     of_soil, of_layers = {_subject(fault, SOIL) for fault in gathered.faults}, Gathered()
     parts = []
-    for number, given in enumerate(layers):
+    for number, written in enumerate(layers):
         with of_layers.of():
-            parts.append(_layer_of(scene, number, given, random, ground))
+            parts.append(_layer_of(scene, number, written, random, ground))
     # A layer takes over what [soil] has, and with it the faults of that.
     gathered.faults += [fault for fault in of_layers.faults if _subject(fault, ("layer", 0)) not in of_soil]
     gathered.raise_all()

@@ -201,16 +201,16 @@ def with_measured(campaign: Campaign, folder: Path) -> Campaign:
     Raises:
         ValueError: the database cannot be trusted, or the failure displacement does not go with the campaign.
     """
-    asked = {
+    needed = {
         "terms": True,
         "shared": True,
         "calibration": campaign.plan.calibrate,
         "limit_load": campaign.run.failure == "limit load",
     }
-    wanted = [name for name, wants in asked.items() if wants and getattr(campaign.measured, name) is None]
+    missing = [name for name, wants in needed.items() if wants and getattr(campaign.measured, name) is None]
     stored = stored_measured(folder)
-    known = {name: getattr(stored, name) for name in wanted}
-    return replace(campaign, measured=replace(campaign.measured, **known)) if known else campaign
+    measured = {name: getattr(stored, name) for name in missing}
+    return replace(campaign, measured=replace(campaign.measured, **measured)) if measured else campaign
 
 
 def kept(folder: Path, part: type[T]) -> T | None:

@@ -40,13 +40,13 @@ LARGEST = 1_000_000
 Points = tuple[tuple[float, float], ...]
 
 
-def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Campaign:
+def parse(origin: Source | str | Path, estimator: Estimator | None = None) -> Campaign:
     """Read and check a scene.
 
     What depends on the geometry is checked when the grids are built.
 
     Args:
-        asked: the scene's text, its file, or both with what a folder keeps beside it.
+        origin: the scene's text, its file, or both with what a folder keeps beside it.
         estimator: takes the place of the one that the scene names. The campaign's source has it in words, so that a
             folder knows which estimator it belongs to.
 
@@ -54,7 +54,7 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
         ValueError: TOML that does not parse, unknown keys (naming the nearest one), missing keys, wrong types and
             values out of range.
     """
-    source = source_of(asked)
+    source = source_of(origin)
     scene = tables.read(tables.SceneTable, source.tables, files=Files.of(source.tables.get("files")))
     with tables.in_words(tables.SceneTable, source.tables):
         if scene.sweep is not None or scene.scenario is not None:
@@ -65,9 +65,9 @@ def parse(asked: Source | str | Path, estimator: Estimator | None = None) -> Cam
 
 def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | None) -> Campaign:
     """The campaign of a scene, whose estimator that of a script replaces."""
-    given = _given(scene, table_of(source.tables, "campaign"), estimator)
-    if given is not None and scene.estimator is None:
-        source = replace(source, beside={**source.beside, "estimator": {"given": given}})
+    words = _given(scene, table_of(source.tables, "campaign"), estimator)
+    if words is not None and scene.estimator is None:
+        source = replace(source, beside={**source.beside, "estimator": {"given": words}})
     where, table = next((name, table) for name in tables.SITES if (table := getattr(scene, name)) is not None)
     with at(where):
         ground = _site(scene, table)
@@ -102,7 +102,7 @@ def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | N
             site = on_ground(site, contact, soil)
     campaign = tables.made(
         Campaign, scene, ground=site, soil=soil, random=site.all_random(random), plan=scene.campaign.plan,
-        estimator=estimator or (tables.FromScript("estimator", given) if given else scene.campaign.chosen),
+        estimator=estimator or (tables.FromScript("estimator", words) if words else scene.campaign.chosen),
         rain=rain, drawdown=drawdown, exposed=tuple(scene.exposed or ()),
         measured=tables.made(tables.Measured, scene), source=source,
     )  # fmt: skip

@@ -77,21 +77,21 @@ def path_of(scene: Mapping[str, object], name: str) -> KeyPath:
         raise Invalid((name,), None, "is no key that samples in common can differ in", "leave it out")
     keys: Keys = ()
     owner: type[tables.Part] = tables.SceneTable
-    left = list(parts)
-    while left:
-        key = left.pop(0)
+    rest = list(parts)
+    while rest:
+        key = rest.pop(0)
         field = tables.keys(owner).get(key)
         if field is None:
             break
         keys = (*keys, key)
-        if not left:
+        if not rest:
             return KeyPath(keys, owner)
         inner = tables.table_in(field)
         if inner is None:
             break
         owner = inner
         if len(keys) == 1 and isinstance(scene.get(key), list):
-            number, left = _entry(scene, name, key, left)
+            number, rest = _entry(scene, name, key, rest)
             keys = (*keys, number)
     raise _unknown(scene, name)
 
@@ -164,11 +164,11 @@ def _as_given(scene: Mapping[str, object], name: str) -> list[str]:
     return parts
 
 
-def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) -> tuple[int, list[str]]:
+def _entry(scene: Mapping[str, object], name: str, key: str, rest: list[str]) -> tuple[int, list[str]]:
     """Position in a list of tables that the next keys name, and the keys after these; names may have dots."""
     entries = tables_of(scene, key)
-    for count in range(len(left), 0, -1):
-        name_there = ".".join(left[:count])
+    for count in range(len(rest), 0, -1):
+        name_there = ".".join(rest[:count])
         named = [at for at, entry in enumerate(entries) if entry.get("name") == name_there]
         if len(named) > 1:
             numbers = " or ".join(f"{key}.{at + 1}" for at in named)
@@ -176,9 +176,9 @@ def _entry(scene: Mapping[str, object], name: str, key: str, left: list[str]) ->
                 (name,), None, f"leads to {len(named)} tables of the name {shown(name_there)}", f"give {numbers}"
             )
         if named:
-            return named[0], left[count:]
-    if left[0].isdigit() and 1 <= int(left[0]) <= len(entries):
-        return int(left[0]) - 1, left[1:]
+            return named[0], rest[count:]
+    if rest[0].isdigit() and 1 <= int(rest[0]) <= len(entries):
+        return int(rest[0]) - 1, rest[1:]
     raise _unknown(scene, name)
 
 

@@ -162,14 +162,14 @@ def _name(values: Mapping[str, object], number: int) -> str:
     return str(values.get("name") or next(filter(None, named), number))
 
 
-def _geopackage(path: Path, data: bytes, asked: str | None) -> _Layer:
+def _geopackage(path: Path, data: bytes, layer: str | None) -> _Layer:
     """A layer of a GeoPackage."""
     journal = path.with_name(f"{path.name}-wal")
     if os.path.lexists(journal) and os.lstat(journal).st_size:
         raise Invalid((), str(journal), f"holds changes that {path.name} lacks", "close the program that has it open")
     try:
         with closing(_database(data)) as database:
-            return _layer(path, database, asked)
+            return _layer(path, database, layer)
     except sqlite3.Error as error:
         raise Invalid((), str(path), "cannot be read as a GeoPackage", shown(str(error))) from error
 
@@ -189,7 +189,7 @@ def _database(data: bytes) -> sqlite3.Connection:
     return database
 
 
-def _layer(path: Path, database: sqlite3.Connection, asked: str | None) -> _Layer:
+def _layer(path: Path, database: sqlite3.Connection, layer: str | None) -> _Layer:
     """A layer in a plain table: a view, or a virtual table, is a program of whoever wrote it."""
     tables = database.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0")
     plain = {name for (name,) in islice(tables, MOST_FEATURES)}
@@ -201,7 +201,7 @@ def _layer(path: Path, database: sqlite3.Connection, asked: str | None) -> _Laye
     geometry = {str(name): (str(column), srs) for name, column, srs in islice(columns, MOST_FEATURES)}
     layers = [name for name, kind in kinds.items() if kind == "features" and name in plain and name in geometry]
     others = [f"{shown(name)} ({_kind(kind, name in plain)})" for name, kind in kinds.items() if name not in layers]
-    name = layers[0] if asked is None and len(layers) == 1 else asked
+    name = layers[0] if layer is None and len(layers) == 1 else layer
     if name is None or name not in layers:
         remedy = f"give one of them, {path.name}#{layers[0]}" if layers else "export a table with geometry"
         beside = f" (and {', '.join(others[:8])})" if others else ""

@@ -166,9 +166,9 @@ def in_words(value: object, where: str = "campaign") -> object:
     return {"own class": _name_of(type(value)), "fields": fields}
 
 
-def _name_of(own: type | FunctionType) -> str:
+def _name_of(value: type | FunctionType) -> str:
     """The name of a class or a function of the user's own."""
-    return f"{own.__module__}.{own.__qualname__}"
+    return f"{value.__module__}.{value.__qualname__}"
 
 
 def _own_in(value: object) -> Iterator[type | FunctionType]:
@@ -187,14 +187,14 @@ def _own_in(value: object) -> Iterator[type | FunctionType]:
 def _scripts_of(campaign: Campaign) -> dict[str, str]:
     """SHA-256 of what defines classes and functions of the user's own, by their names."""
     every = _own_in({name: getattr(campaign, name) for name in _fields_of_script(campaign)})
-    return {_name_of(own): hashlib.sha256(_script_of(own).encode()).hexdigest() for own in every}
+    return {_name_of(value): hashlib.sha256(_script_of(value).encode()).hexdigest() for value in every}
 
 
-def _script_of(own: type | FunctionType) -> str:
+def _script_of(value: type | FunctionType) -> str:
     """Text of the file, or of a notebook's cell, that defines a class or a function."""
-    parts = [own] if isinstance(own, FunctionType) else vars(own).values()
+    parts = [value] if isinstance(value, FunctionType) else vars(value).values()
     names = {part.__code__.co_filename for part in parts if isinstance(part, FunctionType)}
-    names.add(getattr(sys.modules.get(own.__module__), "__file__", None) or "")
+    names.add(getattr(sys.modules.get(value.__module__), "__file__", None) or "")
     linecache.checkcache()
     return "".join(line for name in sorted(names) for line in linecache.getlines(name))
 

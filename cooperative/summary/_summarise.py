@@ -106,7 +106,7 @@ def _alone(campaign: Campaign, estimate: Estimate) -> FailureProbability:
 
 def _cost(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> CampaignCost:
     return replace(
-        _ran(campaign, {"rough": rough, "refined": refined}),
+        _cost_of(campaign, {"rough": rough, "refined": refined}),
         planned_samples=phases.planned,
         coarse_samples=phases.coarse_samples,
         ranked_by=name_of_rank(campaign),
@@ -116,7 +116,7 @@ def _cost(campaign: Campaign, phases: Phases, rough: Rows, refined: Rows) -> Cam
     )
 
 
-def _ran(campaign: Campaign, tables: Mapping[str, Rows]) -> CampaignCost:
+def _cost_of(campaign: Campaign, tables: Mapping[str, Rows]) -> CampaignCost:
     """What ran on each grid."""
     samples, refined_runs = (len(tables[grid].numbers) for grid in GRIDS)
     return CampaignCost(
@@ -136,7 +136,7 @@ def _ran(campaign: Campaign, tables: Mapping[str, Rows]) -> CampaignCost:
 
 
 def summarise_slides(
-    campaign: Campaign, estimate: Estimate, slid: Mapping[str, Rows], asked: Mapping[str, Sequence[bool]]
+    campaign: Campaign, estimate: Estimate, slid: Mapping[str, Rows], fails: Mapping[str, Sequence[bool]]
 ) -> Summary:
     """Slides of samples that were asked in time, each from its first failure, in numbers.
 
@@ -146,17 +146,17 @@ def summarise_slides(
         campaign: whose samples these are.
         estimate: of the probability of failure by the last time.
         slid: rows of the slides of each grid; they ran on the finest that was asked.
-        asked: whether each sample that was asked on a grid fails.
+        fails: whether each sample that was asked on a grid fails.
 
     Returns:
         The numbers, with what each slide stands for where it ran on the refined grid.
     """
-    grid = "refined" if asked["refined"] else "rough"
+    grid = "refined" if fails["refined"] else "rough"
     rows = slid[grid]
     count = len(rows.numbers)
     weight = np.full(count, estimate.probability / max(count, 1))
     slides = Slides(np.ones(count, bool), np.ones(count, bool), weight, ())
-    samples, refined = len(asked["rough"]), len(asked["refined"])
+    samples, refined = len(fails["rough"]), len(fails["refined"])
     consequences = consequences_of(campaign, estimate, rows, slides)
     limits = [out_of_range(rows, slides.slid), mixed_versions(slid)]
     if (cut := consequences.cut_off).at_t_end:
@@ -168,14 +168,14 @@ def summarise_slides(
         name=campaign.name,
         probability=replace(
             _alone(campaign, estimate),
-            failures_rough=sum(asked["rough"]),
-            failures_refined=sum(asked["refined"]),
+            failures_rough=sum(fails["rough"]),
+            failures_refined=sum(fails["refined"]),
             stands_for={number: StandsFor(True, *2 * (float(weight[0]),)) for number in slid["refined"].numbers},
         ),
         modes=modes_of(estimate, rows, slides),
         consequences=consequences,
         cost=replace(
-            _ran(campaign, slid),
+            _cost_of(campaign, slid),
             samples=samples,
             planned_samples=samples,
             refined_runs=refined,

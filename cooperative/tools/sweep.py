@@ -215,12 +215,12 @@ def _run_all(parts: list[Variant], folder: Path, *, workers: int, progress: bool
     )
     write_aside(folder / "sweep.json", text.encode())
     write_aside(folder / "sweep.csv", figures.table(base, parameters).encode())
-    drawn = list(figures.drawn(base, parameters, fragility))
-    for figure in drawn:
+    pictures = list(figures.drawn(base, parameters, fragility))
+    for figure in pictures:
         save(figure.figure, own_folder(folder / "figures") / f"{figure.name}.png")
     scene = _stored_source(folder)
     assert scene is not None
-    write_aside(folder / "report.html", figures.page(base, parameters, drawn, scene.words).encode())
+    write_aside(folder / "report.html", figures.page(base, parameters, pictures, scene.words).encode())
     if progress:
         for line in figures.in_words(base, parameters, fragility).splitlines():
             print(printable(line), flush=True)

@@ -85,17 +85,20 @@ def variogram(
     Raises:
         ValueError: If shapes do not fit, a value is not finite, or no class has a pair.
     """
-    at, own, limits = (np.asarray(each, float) for each in (points, values, edges))
-    require(at.ndim == 2 and own.shape == at.shape[1:], f"points {at.shape} and values {own.shape}: give (d, N), (N,)")
-    require(np.isfinite(at).all() and np.isfinite(own).all(), "a point or a value is not finite: leave it out")
+    at, observed, limits = (np.asarray(array, float) for array in (points, values, edges))
+    require(
+        at.ndim == 2 and observed.shape == at.shape[1:],
+        f"points {at.shape} and values {observed.shape}: give (d, N), (N,)",
+    )
+    require(np.isfinite(at).all() and np.isfinite(observed).all(), "a point or a value is not finite: leave it out")
     require(
         limits.ndim == 1 and limits.size > 1 and (np.diff(limits) > 0).all() and limits[0] >= 0,
         f"edges = {limits}: give two or more from 0 on, rising",
     )
     require(estimator in ("matheron", "cressie"), f"estimator = {estimator!r}: give 'matheron' or 'cressie'")
-    first, second = np.triu_indices(own.size, 1)
+    first, second = np.triu_indices(observed.size, 1)
     apart = at[:, second] - at[:, first]
-    distance, difference = np.linalg.norm(apart, axis=0), np.abs(own[second] - own[first])
+    distance, difference = np.linalg.norm(apart, axis=0), np.abs(observed[second] - observed[first])
     chosen = (distance > limits[0]) & (distance <= limits[-1])
     if direction is not None:
         way = np.asarray(direction, float)
@@ -155,5 +158,5 @@ def fit_variogram(empirical: Variogram, family: Callable[[float], Covariance], *
     starts = (np.log([share * lag[-1], top, top / 20])[:size] for share in (0.03, 0.1, 0.3, 1.0))
     from scipy.optimize import least_squares  # takes a third of a second, which only fits need
 
-    found = [least_squares(misfit, start, bounds=[each[:size] for each in bounds]) for start in starts]
-    return model(min(found, key=lambda each: each.cost).x)
+    found = [least_squares(misfit, start, bounds=[bound[:size] for bound in bounds]) for start in starts]
+    return model(min(found, key=lambda fit: fit.cost).x)

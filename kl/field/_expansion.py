@@ -238,9 +238,9 @@ def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) ->
     Raises:
         ValueError: If a family differs, a length is not above 0, or one is shorter than the solvers resolve.
     """
-    families = [type(each).__name__ for each in expansion.covariance]
-    given = [type(each).__name__ for each in covariance]
-    require(given == families, f"covariance of {given} for an expansion of {families}: give the same families")
+    families = [type(family).__name__ for family in expansion.covariance]
+    kinds = [type(family).__name__ for family in covariance]
+    require(kinds == families, f"covariance of {kinds} for an expansion of {families}: give the same families")
     for each in covariance:
         for length in length_leaves(each):
             positive("correlation length", length, "m", remedy=_CONSTANT)

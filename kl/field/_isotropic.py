@@ -85,15 +85,15 @@ class Waves:
         Raises:
             ValueError: If shapes do not fit.
         """
-        given, at = jnp.asarray(coefficients), jnp.asarray(points)
+        numbers, at = jnp.asarray(coefficients), jnp.asarray(points)
         require(
-            given.ndim in (1, 2) and given.shape[-1] == self.modes,
-            f"coefficients of shape {given.shape}: give ({self.modes},), or a row of as many for each sample",
+            numbers.ndim in (1, 2) and numbers.shape[-1] == self.modes,
+            f"coefficients of shape {numbers.shape}: give ({self.modes},), or a row of as many for each sample",
         )
         dimension = self.wavenumbers.shape[0]
         require(at.ndim == 2 and at.shape[0] == dimension, f"points of shape {at.shape}: give ({dimension}, N)")
         size = max(1, _CHUNK // self.modes)
-        values = jax.lax.map(lambda point: given @ self.matrix(point[:, None])[0], at.T, batch_size=size)
+        values = jax.lax.map(lambda point: numbers @ self.matrix(point[:, None])[0], at.T, batch_size=size)
         return jnp.moveaxis(values, 0, -1)
 
     def correlation(self, lag: ArrayLike) -> Array:

@@ -103,16 +103,16 @@ def table(kind: type[T]) -> type[T]:
 
     @wraps(init)
     def checked(self: T, *args: object, **kwargs: object) -> None:
-        given = dict(zip(names, args, strict=False))
-        if len(args) > len(names) or given.keys() & kwargs.keys():
+        arguments = dict(zip(names, args, strict=False))
+        if len(args) > len(names) or arguments.keys() & kwargs.keys():
             raise TypeError(f"{made.__name__} has the fields {', '.join(names)}: give each once")
         try:
-            init(self, **given, **kwargs)
+            init(self, **arguments, **kwargs)
         except ValidationError as error:
             # Reading needs the tables.
             from cooperative.scene.tables._reading import refusal
 
-            raise refusal(made, given | kwargs, error) from error
+            raise refusal(made, arguments | kwargs, error) from error
 
     made.__init__ = checked
     return cast(type[T], by_value(made))
@@ -361,25 +361,25 @@ Record = Annotated[
 """A record of motion by the name of a file, likewise, or itself."""
 
 
-def of_features(given: Any, name: str | None = None, *, holes: bool = False) -> Any:
+def of_features(value: Any, name: str | None = None, *, holes: bool = False) -> Any:
     """The points of what may be features of a file: those of this name, or of the only one.
 
     Args:
-        given: points, or features as `scene._files.Files` has them, None for neither.
+        value: points, or features as `scene._files.Files` has them, None for neither.
         name: of the feature, None for the only one.
         holes: whether it may have some.
 
     Raises:
         Invalid: the file has several features, and none or many of this name; or it has holes.
     """
-    if not given or not isinstance(given[0], dict):
-        return given
-    chosen = [part for part in given if name is not None and part["name"] == name] if len(given) > 1 else given
+    if not value or not isinstance(value[0], dict):
+        return value
+    chosen = [part for part in value if name is not None and part["name"] == name] if len(value) > 1 else value
     if len(chosen) != 1:
-        names = ", ".join(shown(part["name"]) for part in given[:8])
+        names = ", ".join(shown(part["name"]) for part in value[:8])
         needs = "one feature is needed" if name is None else f"{len(chosen)} are called {shown(name)} in a column name"
         raise Invalid(
-            (), None, f"names a layer that has {len(given)} features ({names}), and {needs}", "give the layer of one"
+            (), None, f"names a layer that has {len(value)} features ({names}), and {needs}", "give the layer of one"
         )
     if chosen[0]["holes"] and not holes:
         feature = shown(chosen[0]["name"])
@@ -394,5 +394,5 @@ OrFile = Annotated[
     Discriminator(lambda value: "(file)" if isinstance(value, str) else "(points)"),
 ]
 """Points, or features of a file."""
-Only = AfterValidator(lambda given: of_features(given))
+Only = AfterValidator(lambda value: of_features(value))
 """Of a type: the only feature of a file."""

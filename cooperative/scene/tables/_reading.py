@@ -296,8 +296,8 @@ def _meanings(synonyms: str, word: str) -> list[str]:
     return [meaning.replace("_", " ") for name, _, meaning in pairs if name == word.lower()]
 
 
-def _nearest(word: object, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(str(word), list(known), n=1)
+def _nearest(word: object, keys: Iterable[str]) -> str:
+    close = difflib.get_close_matches(str(word), list(keys), n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

@@ -235,21 +235,21 @@ class Hydraulics(Part):
     @validates(mode="after")
     def _of_its_kind(self) -> Self:
         """Conductivity goes with the class; in similar pores with the square of alpha (Miller and Miller 1956)."""
-        given = self.conductivity
-        if given is None or (self.soil_class is None and self.alpha is None):
+        conductivity = self.conductivity
+        if conductivity is None or (self.soil_class is None and self.alpha is None):
             return self
         from jaxmpm.seepage import CARSEL_PARRISH
 
-        mean = given.mean if isinstance(given, RandomField) else given
-        known = {name: (alpha, per_day / 100 / 86400) for name, (_, _, alpha, _, per_day) in CARSEL_PARRISH.items()}
+        mean = conductivity.mean if isinstance(conductivity, RandomField) else conductivity
+        classes = {name: (alpha, per_day / 100 / 86400) for name, (_, _, alpha, _, per_day) in CARSEL_PARRISH.items()}
         if self.soil_class is not None:
-            like, usual, least = self.soil_class, known[self.soil_class][1], known[self.soil_class][1] / OFF
+            like, usual, least = self.soil_class, classes[self.soil_class][1], classes[self.soil_class][1] / OFF
             remedy = "leave soil_class out"
         else:
             assert self.alpha is not None
             like, least = f"soil with alpha = {self.alpha:g} 1/m", 0.0  # a liner lets less through
             remedy = "give it the alpha of such soil"
-            usual = float(np.median([rate / alpha**2 for alpha, rate in known.values()])) * self.alpha**2
+            usual = float(np.median([rate / alpha**2 for alpha, rate in classes.values()])) * self.alpha**2
         if not least < mean < usual * OFF:
             raise Invalid(
                 ("conductivity",), f"{mean:.3g} m/s", f"is {mean / usual:.2g} times that of {like}, {usual:.2g} m/s",
@@ -261,10 +261,10 @@ class Hydraulics(Part):
     def numbers(self) -> dict[str, float]:
         """What is given of the retention and the conductivity, which is its median where it varies."""
         names = ("conductivity", "anisotropy", "alpha", "n", "porosity", "residual", "air_entry", "storage")
-        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        numbers = {name: value for name in names if (value := getattr(self, name)) is not None}
         if isinstance(varies := self.conductivity, RandomField):
-            given[CONDUCTIVITY] = float(varies.distribution.transform(jnp.zeros(())))
-        return given
+            numbers[CONDUCTIVITY] = float(varies.distribution.transform(jnp.zeros(())))
+        return numbers
 
 
 @table
@@ -433,14 +433,14 @@ class Seepage(Part):
     def _one_source(self) -> Self:
         if self.water_tables is not None:
             _check_rising(tuple(time for time, _ in self.water_tables), "water_tables", "s")
-        if (given := self.given_by) is not None:
+        if (source := self.given_by) is not None:
             names = ("water_tables", "rate", "level", "initial_rate", "left", "right")
-            sources = [name for name in names if name != given and getattr(self, name) is not None]
+            sources = [name for name in names if name != source and getattr(self, name) is not None]
             sources += ["drains"] if self.drains else []
             sources += ["chart"] if self.chart is not None else []
             if sources and sources != ["level"]:
                 raise Invalid(
-                    (sources[0],), None, f"has no effect beside {given}, which another program has computed",
+                    (sources[0],), None, f"has no effect beside {source}, which another program has computed",
                     "leave one of them out",
                 )  # fmt: skip
         return self
@@ -485,9 +485,9 @@ class Seepage(Part):
             layer: its name, None in ground without layers.
             rock: whether it is rock, which lets no water through unless it is named.
         """
-        own = next((each for each in self.layer if each.name == layer), None)
-        inherits = not rock if own is None else own.soil_class is None
-        return tuple(each for each in (own, self.soil if inherits else None) if each is not None)
+        of_layer = next((table for table in self.layer if table.name == layer), None)
+        inherits = not rock if of_layer is None else of_layer.soil_class is None
+        return tuple(table for table in (of_layer, self.soil if inherits else None) if table is not None)
 
     def with_conductivities(self, change: Callable[[RandomConductivity, Keys], RandomConductivity]) -> Self:
         """The table with another field in place of that of each conductivity that varies.
@@ -503,7 +503,7 @@ class Seepage(Part):
             return replace(part, conductivity=change(varies, (*path, CONDUCTIVITY)))
 
         soil = None if self.soil is None else changed(self.soil, "soil")
-        return replace(self, soil=soil, layer=tuple(changed(each, "layer", n) for n, each in enumerate(self.layer)))
+        return replace(self, soil=soil, layer=tuple(changed(layer, "layer", n) for n, layer in enumerate(self.layer)))
 
     def level_at(self, time: float) -> float | None:
         """Level (m) of the pool at a time (s), None without."""

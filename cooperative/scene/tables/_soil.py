@@ -291,12 +291,12 @@ class SoilTable(Part):
     @classmethod
     def _without_young(cls, values: object) -> object:
         """Let soil of a law that has no Young's modulus do without its key."""
-        given = values.kwargs if isinstance(values, ArgsKwargs) else values
-        if not isinstance(given, dict):
+        arguments = values.kwargs if isinstance(values, ArgsKwargs) else values
+        if not isinstance(arguments, dict):
             return values
-        kind = kind_of(given)
-        kinds = [kind] if kind else [kind for kind, names in REQUIRED.items() if not given.keys().isdisjoint(names)]
-        return given if all("young" in KEYS[kind] for kind in kinds) else {"young": None, **given}
+        kind = kind_of(arguments)
+        kinds = [kind] if kind else [kind for kind, names in REQUIRED.items() if not arguments.keys().isdisjoint(names)]
+        return arguments if all("young" in KEYS[kind] for kind in kinds) else {"young": None, **arguments}
 
     @property
     def values(self) -> dict[str, Any]:

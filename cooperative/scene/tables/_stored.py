@@ -21,9 +21,11 @@ class Calibration(Part):
 
     @validates(mode="before")
     @classmethod
-    def _without_factor(cls, given: object) -> object:
+    def _without_factor(cls, values: object) -> object:
         """A summary has the factor beside them."""
-        return {name: value for name, value in given.items() if name != "factor"} if isinstance(given, dict) else given
+        return (
+            {name: value for name, value in values.items() if name != "factor"} if isinstance(values, dict) else values
+        )
 
     @computed_field  # type: ignore[prop-decorator]
     @property

@@ -22,10 +22,10 @@ MOST_PATH = 400
 """Characters of the name of a file."""
 
 
-def _flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+def _flat(tables: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     """Values by path, of paths in quotes and of tables within tables; prefix: path of that table, with its last dot."""
     paths: dict[str, object] = {}
-    for name, value in given.items():
+    for name, value in tables.items():
         paths |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
     return paths
 

@@ -232,9 +232,9 @@ class RandomField(Part):
         if self.form == "product":
             return self
         if not hasattr(self.correlation, "smoothness"):
-            known = [name for name, family in CORRELATIONS.items() if hasattr(family, "smoothness")]
+            smooth = [name for name, family in CORRELATIONS.items() if hasattr(family, "smoothness")]
             rule = f"has no form of the distance for correlation = {self.correlation.__name__}"
-            raise Invalid(("form",), repr(self.form), rule, f"give {', '.join(known)}, or leave it out")
+            raise Invalid(("form",), repr(self.form), rule, f"give {', '.join(smooth)}, or leave it out")
         for name, idle in (("nataf", self.nataf), ("energy", self.energy != keys(RandomField)["energy"].default)):
             if idle:
                 raise Invalid((name,), None, "is of a product, and form = 'elliptic'", "leave one of them out")

@@ -68,8 +68,8 @@ class InTime:
     @property
     def first(self) -> dict[int, int]:
         """Number of the time at which samples fail first on that grid, of those that fail."""
-        asked = self.refined or dict(enumerate(self.rough.tolist()))
-        return {sample: at for sample, at in asked.items() if 0 <= at < len(self.times)}
+        first_failures = self.refined or dict(enumerate(self.rough.tolist()))
+        return {sample: at for sample, at in first_failures.items() if 0 <= at < len(self.times)}
 
     def counts(self, grid: str) -> np.ndarray:
         """Samples that fail first at each time on a grid (m,).
@@ -212,10 +212,10 @@ def states_in_time(campaign: Campaign) -> list[WaterState]:
 def answered(runner: StateRunner, progress: Callable[[str], None]) -> InTime:
     """The probability by each time, from what is kept and what runs."""
     factors = screened(runner, progress)
-    lows = [record_lows(each) for each in factors]
+    lows = [record_lows(row) for row in factors]
     rough, refined = first_failures(runner, factors, lows, progress)
-    known = factors if np.isfinite(factors).all() else None
-    estimates = in_time(rough, refined if runner.kept.audited else None, known, len(runner.states))
+    complete = factors if np.isfinite(factors).all() else None
+    estimates = in_time(rough, refined if runner.kept.audited else None, complete, len(runner.states))
     return InTime(
         runner.campaign, tuple(state.time for state in runner.states), tuple(noted(estimates, rough, refined)), rough,
         refined, factors, {grid: runner.kept.count(grid) for grid in GRIDS},
@@ -281,7 +281,7 @@ def first_failures(
     samples, count = len(chains), len(runner.states)
 
     def guessed(critical: float) -> list[int]:
-        return [first_guess(each, chain, critical) for each, chain in zip(factors, chains, strict=True)]
+        return [first_guess(row, chain, critical) for row, chain in zip(factors, chains, strict=True)]
 
     pilot = range(min(PILOT, samples))
     _first(runner, "rough", pilot, chains, guessed(1.0), progress)
@@ -305,7 +305,7 @@ def noted(estimates: Sequence[Estimate], rough: np.ndarray, refined: Mapping[int
         for n, grid in zip(lost, ("rough", "refined"), strict=True)
         if n
     ]
-    return (replace(each, notes=(*each.notes, *notes)) for each in estimates)
+    return (replace(estimate, notes=(*estimate.notes, *notes)) for estimate in estimates)
 
 
 def _first(
@@ -315,31 +315,31 @@ def _first(
     """The state in which each sample fails first on a grid, by rounds in which each is asked in one of them."""
     brackets = {number: Bracket.of(len(chains[number])) for number in numbers}
     while True:
-        asked = defaultdict(list)
+        to_ask = defaultdict(list)
         for number in numbers:
             # What the folder has is not asked again.
             while (at := brackets[number].next(guesses[number])) is not None:
                 answer = runner.kept.answer(grid, number, chains[number][at])
                 if answer is Kept.UNKNOWN:
-                    asked[chains[number][at]].append(number)
+                    to_ask[chains[number][at]].append(number)
                     break
                 brackets[number] = brackets[number].told(at, answer)  # type: ignore[arg-type]
-        if not asked:
+        if not to_ask:
             break
         runner.stop.check()
-        for at, some in sorted(asked.items()):
+        for at, some in sorted(to_ask.items()):
             for number, failed in runner.ask(grid, at, some):
                 runner.kept.tell(grid, number, at, failed)
-            left = sum(not each.known for each in brackets.values())
+            open_ = sum(not bracket.known for bracket in brackets.values())
             progress(
-                f"{grid} grid: {len(some)} samples at {runner.states[at].words}, {left} of {len(numbers)} under way"
+                f"{grid} grid: {len(some)} samples at {runner.states[at].words}, {open_} of {len(numbers)} under way"
             )
     last = len(runner.states)
     return np.array(
         [
             -1
-            if (known := brackets[number]).lost
-            else (last if known.fails == known.count else chains[number][known.fails])
+            if (bracket := brackets[number]).lost
+            else (last if bracket.fails == bracket.count else chains[number][bracket.fails])
             for number in numbers
         ],
         int,
@@ -355,8 +355,8 @@ def _least(slices: Slices, surfaces: Sequence[tuple[np.ndarray, Method]]) -> flo
 def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray:
     """Factor of safety of each sample in each state, on critical surfaces of the mean soil; nan where it has none."""
     samples, count = runner.campaign.plan.samples, len(runner.states)
-    if (known := runner.kept.factors) is not None:
-        return known
+    if (kept := runner.kept.factors) is not None:
+        return kept
     runner.stop.check()
     factors = np.full((samples, count), math.nan)
     for state in runner.states:
@@ -368,26 +368,26 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
     except ValueError as error:
         progress(f"no screening by slices: {error}; every state may be that of a first failure")
         return runner.kept.screen(factors)
-    surfaces = [(each.slip.points, each.slip.method) for each in critical]
-    surfaces += [(each.circle.points, each.slip.method) for each in critical if each.circle]
+    surfaces = [(surface.slip.points, surface.slip.method) for surface in critical]
+    surfaces += [(surface.circle.points, surface.slip.method) for surface in critical if surface.circle]
     model = runs.build(runner.states[0].resting, "rough", runner.soil, at_rest=False)
     loads = {state.load: state.campaign for state in runner.states}
     flows = [
         runs.own_flows(load, runner.soil, runner.coefficients) if load.conductivities else repeat(None)
         for load in loads.values()
     ]
-    for number, *own in zip(range(samples), *flows, strict=False):
+    for number, *of_sample in zip(range(samples), *flows, strict=False):
         strength = sample_strength(model, runner.coefficients[number])
-        if any(flow is not None for flow in own):
-            flow_of = dict(zip(loads, own, strict=True))
+        if any(flow is not None for flow in of_sample):
+            flow_of = dict(zip(loads, of_sample, strict=True))
             sections = [
                 slices_at_rest(rested(state.campaign, state.time, flow_of[state.load])) for state in runner.states
             ]
         slices = [replace(section, strength=strength) for section in sections]
-        factors[number] = [_least(each, surfaces) for each in slices]
+        factors[number] = [_least(section, surfaces) for section in slices]
         if not np.isfinite(factors[number]).all():
             # One method for all states, whose order is asked: Janbu's has an answer where rigorous ones have none.
-            factors[number] = [_least(each, [(points, "janbu") for points, _ in surfaces]) for each in slices]
+            factors[number] = [_least(section, [(points, "janbu") for points, _ in surfaces]) for section in slices]
         runner.stop.check()
     progress(f"slices: {samples} samples in {count} states of the water on {len(surfaces)} surfaces")
     return runner.kept.screen(factors)

@@ -115,12 +115,12 @@ class Chart:
     @property
     def probability(self) -> np.ndarray:
         """Of failure (I, J)."""
-        return np.array([[each.probability for each in row] for row in self.estimates])
+        return np.array([[estimate.probability for estimate in row] for row in self.estimates])
 
     @property
     def interval(self) -> np.ndarray:
         """Ends of the interval of each (2, I, J)."""
-        return np.moveaxis(np.array([[each.interval for each in row] for row in self.estimates]), -1, 0)
+        return np.moveaxis(np.array([[estimate.interval for estimate in row] for row in self.estimates]), -1, 0)
 
     def lines(self, chances: Sequence[float] = CHANCES) -> list[Line]:
         """Rates at which the probability of failure has values, for each duration.
@@ -134,7 +134,7 @@ class Chart:
         return [
             Line(
                 chance, None if self.durations is None else self.durations[column],
-                *(rate_at(chance, self.rates, each[:, column]) for each in (self.probability, high, low)),
+                *(rate_at(chance, self.rates, chances[:, column]) for chances in (self.probability, high, low)),
             )
             for chance in chances
             for column in range(len(self.estimates[0]))
@@ -178,7 +178,7 @@ def loads_of(campaign: Campaign) -> list[list[Load]]:
     table = campaign.seepage
     if isinstance(table, Rain) and table.chart is not None:
         after = table.chart.after
-        return [[_storm(campaign, table, rate, each, after) for each in table.chart.durations]
+        return [[_storm(campaign, table, rate, duration, after) for duration in table.chart.durations]
                 for rate in table.chart.rates]  # fmt: skip
     if isinstance(table, Drawdown) and table.chart is not None:
         return [[_drawdown(campaign, table, rate)] for rate in table.chart.rates]
@@ -189,7 +189,7 @@ def loads_of(campaign: Campaign) -> list[list[Load]]:
 
 
 def _storm(campaign: Campaign, rain: Rain, rate: float, duration: float, after: Sequence[float]) -> Load:
-    times = (duration, *(duration + each for each in after))
+    times = (duration, *(duration + delay for delay in after))
     alone = replace(rain, rate=((0.0, rate), (duration, 0.0)), times=times, at=None, chart=None)
     return Load(rate, duration, replace(campaign, rain=alone))
 
@@ -279,10 +279,14 @@ def chains_on_chart(factors: np.ndarray, loads: int) -> tuple[np.ndarray, np.nda
         Number of the state with the lowest factor under each load (n, loads), these factors, and the former of each
         sample from the safest on.
     """
-    each = factors.reshape(len(factors), loads, -1)
-    worst = each.argmin(axis=2) + each.shape[2] * np.arange(loads)
-    least = each.min(axis=2)
-    return worst, least, [own[falling_chain(factor)].tolist() for own, factor in zip(worst, least, strict=True)]
+    of_load = factors.reshape(len(factors), loads, -1)
+    worst = of_load.argmin(axis=2) + of_load.shape[2] * np.arange(loads)
+    least = of_load.min(axis=2)
+    return (
+        worst,
+        least,
+        [loads_of[falling_chain(factor)].tolist() for loads_of, factor in zip(worst, least, strict=True)],
+    )
 
 
 def chart_lines(result: Chart) -> Iterator[str]:
@@ -302,15 +306,16 @@ def chart_lines(result: Chart) -> Iterator[str]:
             low, high = estimate.interval
             yield f"  {M_PER_DAY * rate:6.3g} m/day  {estimate.probability:6.3f}  ({low:.3f} to {high:.3f})"
     else:
-        yield "  P_f of rain for " + "".join(f"{in_hours(each):>9}" for each in result.durations)
+        yield "  P_f of rain for " + "".join(f"{in_hours(duration):>9}" for duration in result.durations)
         for rate, row in zip(result.rates, result.estimates, strict=True):
-            yield f"  {MM_PER_HOUR * rate:8.3g} mm/h  " + "".join(f"{each.probability:9.3f}" for each in row)
+            yield f"  {MM_PER_HOUR * rate:8.3g} mm/h  " + "".join(f"{estimate.probability:9.3f}" for estimate in row)
     for line in result.lines():
         if np.isfinite(line.rate):
             where = "" if line.duration is None else f" in {in_hours(line.duration)}"
             unit, scale = ("m/day", M_PER_DAY) if line.duration is None else ("mm/h", MM_PER_HOUR)
-            ends = (f"{scale * each:.3g}" if np.isfinite(each) else "-" for each in (line.low, line.high))
+            ends = (f"{scale * end:.3g}" if np.isfinite(end) else "-" for end in (line.low, line.high))
             yield f"    {line.chance:.0%} at {scale * line.rate:.3g} {unit} ({' to '.join(ends)}){where}"
     yield from (
-        f"    {note}" for note in dict.fromkeys(note for row in result.estimates for each in row for note in each.notes)
+        f"    {note}"
+        for note in dict.fromkeys(note for row in result.estimates for estimate in row for note in estimate.notes)
     )

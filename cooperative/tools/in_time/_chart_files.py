@@ -48,15 +48,15 @@ def _of_storms(result: Chart) -> Figure:
     figure, (ax,) = panels(1, size=(7.0, 4.6))
     hours, rates = np.array(result.durations) / HOUR, np.array(result.rates) * MM_PER_HOUR
     edges = _edges(hours), _edges(rates)
-    drawn = ax.pcolormesh(*edges, result.probability, cmap="Greys", vmin=0, vmax=1.8)
+    mesh = ax.pcolormesh(*edges, result.probability, cmap="Greys", vmin=0, vmax=1.8)
     for row, top in zip(result.estimates, edges[1][1:], strict=True):
-        for each, left in zip(row, edges[0], strict=False):
-            low, high = each.interval
-            words = f" {each.probability:.2f}\n {low:.2f} to {high:.2f}"
+        for estimate, left in zip(row, edges[0], strict=False):
+            low, high = estimate.interval
+            words = f" {estimate.probability:.2f}\n {low:.2f} to {high:.2f}"
             ax.text(left, 0.97 * top, words, va="top", fontsize=7)
     # Bars of one duration stand beside each other; where an end lies beyond the chart, a bar goes on to its edge.
     for number, (chance, colour) in enumerate(zip(CHANCES, COLOURS, strict=True)):
-        line, low, high = (MM_PER_HOUR * each for each in _line(result, chance))
+        line, low, high = (MM_PER_HOUR * rates_of for rates_of in _line(result, chance))
         ends = np.nan_to_num(low, nan=edges[1][0]), np.nan_to_num(high, nan=edges[1][-1])
         there, at = np.isfinite(line), hours * 1.04 ** (number - 1)
         ax.vlines(at[there], ends[0][there], ends[1][there], color=colour, lw=1.2)
@@ -66,7 +66,7 @@ def _of_storms(result: Chart) -> Figure:
     _logarithmic(ax, x=hours, y=rates)
     ax.set_title(literal(result.campaign.name), loc="left")
     label = "$P_f$; in each box with its 95 % interval"
-    figure.colorbar(drawn, ax=ax, label=label, boundaries=np.linspace(0, 1, 101), ticks=[0, 0.25, 0.5, 0.75, 1])
+    figure.colorbar(mesh, ax=ax, label=label, boundaries=np.linspace(0, 1, 101), ticks=[0, 0.25, 0.5, 0.75, 1])
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, frameon=False, fontsize="small")
     return figure
@@ -77,7 +77,7 @@ def _logarithmic(ax: Axes, **ticks: np.ndarray) -> None:
     for name, values in ticks.items():
         ax.set(**{f"{name}scale": "log"})
         axis = getattr(ax, f"{name}axis")
-        axis.set_ticks(values, [f"{each:.3g}" for each in values])
+        axis.set_ticks(values, [f"{value:.3g}" for value in values])
         axis.set_ticks([], minor=True)
 
 
@@ -101,7 +101,7 @@ def _of_drawdowns(result: Chart) -> Figure:
 
 def _line(result: Chart, chance: float) -> np.ndarray:
     """Rates (m/s) of a line and of both ends of its interval (3, J)."""
-    return np.array([(each.rate, each.low, each.high) for each in result.lines([chance])]).T
+    return np.array([(line.rate, line.low, line.high) for line in result.lines([chance])]).T
 
 
 def _table(result: Chart) -> str:
@@ -109,10 +109,10 @@ def _table(result: Chart) -> str:
     rows: list[list[object]] = [
         [
             rate * (M_PER_DAY if duration is None else MM_PER_HOUR), *(() if duration is None else (duration / HOUR,)),
-            each.probability, *each.interval, each.cov, each.refined_runs,
+            estimate.probability, *estimate.interval, estimate.cov, estimate.refined_runs,
         ]
         for rate, row in zip(result.rates, result.estimates, strict=True)
-        for duration, each in zip(durations, row, strict=True)
+        for duration, estimate in zip(durations, row, strict=True)
     ]  # fmt: skip
     return csv_text([*_head(result), "P_f", "low", "high", "cov", "runs"], rows)
 
@@ -127,7 +127,7 @@ def _lines(result: Chart) -> str:
     rows: list[list[object]] = [
         [
             line.chance, *(() if line.duration is None else (line.duration / HOUR,)),
-            *(scale * each if np.isfinite(each) else "" for each in (line.rate, line.low, line.high)),
+            *(scale * rate if np.isfinite(rate) else "" for rate in (line.rate, line.low, line.high)),
         ]
         for line in result.lines()
     ]  # fmt: skip

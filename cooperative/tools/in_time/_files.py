@@ -106,9 +106,9 @@ def _probability(result: InTime) -> Figure:
     figure, axes = panels(2, 1, size=(7.0, 2.9))
     unit, _ = clock(result.times[-1])
     times = np.array(result.times) / unit
-    low, high = np.array([each.interval for each in result.estimates]).T
+    low, high = np.array([estimate.interval for estimate in result.estimates]).T
     axes[0].fill_between(times, low, high, color="#D55E00", alpha=0.25, lw=0, label="95 % interval at each time")
-    chances = [each.probability for each in result.estimates]
+    chances = [estimate.probability for estimate in result.estimates]
     axes[0].plot(times, chances, "o-", color="#D55E00", label="probability $P_f$", clip_on=False)
     axes[0].set(ylabel="probability of having failed", ylim=(0, None))
     axes[0].set_title(literal(result.campaign.name), loc="left")
@@ -155,8 +155,8 @@ def _when_they_fail(result: InTime, slides: SlidesInTime | None) -> Figure:
 
 def _table(result: InTime) -> str:
     rows: list[list[object]] = [
-        [time, each.probability, *each.interval, each.cov, each.refined_runs]
-        for time, each in zip(result.times, result.estimates, strict=True)
+        [time, estimate.probability, *estimate.interval, estimate.cov, estimate.refined_runs]
+        for time, estimate in zip(result.times, result.estimates, strict=True)
     ]
     return csv_text(["t [s]", "P_f", "low", "high", "cov", "runs"], rows)
 
@@ -171,8 +171,8 @@ def _of_time(result: InTime, slides: SlidesInTime | None, at: int) -> list[Cell]
         return counts
     here = slides.at == at
     measured = [slides.column(name)[here] for name in ("runout", "volume")]
-    known = [values[np.isfinite(values)] for values in measured]
-    means: list[Cell] = [float(f"{values.mean():.4g}") if values.size else None for values in known]
+    finite = [values[np.isfinite(values)] for values in measured]
+    means: list[Cell] = [float(f"{values.mean():.4g}") if values.size else None for values in finite]
     return [*counts, int(here.sum()), *means, *slides.modes(at).values()]
 
 
@@ -200,7 +200,7 @@ def _samples(result: InTime) -> str:
         [
             number, _when(result, int(first)),
             _when(result, result.refined[number]) if number in result.refined else "",
-            *(round(float(each), 4) for each in result.factors[number]),
+            *(round(float(factor), 4) for factor in result.factors[number]),
         ]
         for number, first in enumerate(result.rough)
     ]  # fmt: skip
@@ -215,7 +215,13 @@ def _slides(result: InTime, slides: SlidesInTime) -> str:
     mode = np.asarray(slides.columns.get("mode", np.full(slides.at.size, "")))
     columns = [slides.column(name) for name in MEASURES]
     rows = [
-        [int(sample), slides.grid, time, *("" if np.isnan(each[n]) else float(each[n]) for each in columns), mode[n]]
+        [
+            int(sample),
+            slides.grid,
+            time,
+            *("" if np.isnan(column[n]) else float(column[n]) for column in columns),
+            mode[n],
+        ]
         for n, (sample, time) in enumerate(zip(slides.columns["sample"], slides.column(FAILED_AT), strict=True))
     ]
     return csv_text(["sample", "grid", "t [s]", *(f"{name} [{units[name]}]" for name in MEASURES), "mode"], rows)
@@ -240,11 +246,11 @@ def _page(result: InTime, slides: SlidesInTime | None, pictures: list[Drawn]) ->
         f"{result.runs['rough']} and {result.runs['refined']} runs. A sample that has failed at a time counts as "
         "failed after it."
     )
-    for note in dict.fromkeys(note for each in result.estimates for note in each.notes):
+    for note in dict.fromkeys(note for estimate in result.estimates for note in estimate.notes):
         yield paragraph(note, "note")
     rows = [
-        [in_hours(time), float(f"{each.probability:.4g}"), limits(each.interval), *_of_time(result, slides, at)]
-        for at, (time, each) in enumerate(zip(result.times, result.estimates, strict=True))
+        [in_hours(time), float(f"{estimate.probability:.4g}"), limits(estimate.interval), *_of_time(result, slides, at)]
+        for at, (time, estimate) in enumerate(zip(result.times, result.estimates, strict=True))
     ]
     heads = ["time", "P_f", "95 %", *_heads(result, slides)]
     # A mode that no slide has needs no column.
@@ -296,11 +302,12 @@ def _json(result: InTime, slides: SlidesInTime | None) -> str:
         },
         "times": [
             {
-                "time": time, "probability": each.probability, "interval": list(each.interval), "level": each.level,
-                "cov": each.cov if np.isfinite(each.cov) else None, "method": each.method, "notes": list(each.notes),
+                "time": time, "probability": estimate.probability, "interval": list(estimate.interval),
+                "level": estimate.level, "cov": estimate.cov if np.isfinite(estimate.cov) else None,
+                "method": estimate.method, "notes": list(estimate.notes),
                 **dict(zip(_heads(result, slides), _of_time(result, slides, at), strict=True)),
             }
-            for at, (time, each) in enumerate(zip(result.times, result.estimates, strict=True))
+            for at, (time, estimate) in enumerate(zip(result.times, result.estimates, strict=True))
         ],
     }  # fmt: skip
     return json.dumps(content, indent=1) + "\n"
@@ -323,7 +330,7 @@ def lines(result: InTime, slides: SlidesInTime | None = None) -> Iterator[str]:
         low, high = estimate.interval
         first = f"{result.counts('rough')[at]:4d}{_slid(slides, at)}"
         yield f"  {in_hours(time):>8}  {estimate.probability:6.3f}  ({low:.3f} to {high:.3f})  {first}"
-    of_times = (note for each in result.estimates for note in each.notes)
+    of_times = (note for estimate in result.estimates for note in estimate.notes)
     for note in dict.fromkeys([*of_times, *(slides.notes if slides else ())]):
         yield f"    {note}"
     yield "    a sample that has failed at a time counts as failed after it"

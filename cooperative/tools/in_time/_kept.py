@@ -92,7 +92,7 @@ class Kept:
 
     def screen(self, factors: np.ndarray) -> np.ndarray:
         """Keep the factors of safety (samples, states), nan where there is none, and give them as they are kept."""
-        text = json.dumps([[each if np.isfinite(each) else None for each in row] for row in factors.tolist()])
+        text = json.dumps([[factor if np.isfinite(factor) else None for factor in row] for row in factors.tolist()])
         store_text(self.store, FACTORS, text)
         self.factors = _array(text)
         return self.factors

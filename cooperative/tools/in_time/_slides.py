@@ -74,12 +74,12 @@ def slides_in_time(
         store = runner.kept.store
         there = set(rows_of_slides(store, chosen)[grid].numbers)
         for at, time in enumerate(result.times):
-            left = [number for number, first in chosen.items() if first == at and number not in there]
-            for sample in runner.run(grid, at, left, None) if left else ():
+            to_run = [number for number, first in chosen.items() if first == at and number not in there]
+            for sample in runner.run(grid, at, to_run, None) if to_run else ():
                 write_sample(store, grid, replace(sample, row={**sample.row, FAILED_AT: time}))
                 runner.stop.check()
-            if left:
-                progress(f"{grid} grid: {len(left)} slides from {in_hours(time)}")
+            if to_run:
+                progress(f"{grid} grid: {len(to_run)} slides from {in_hours(time)}")
         rows = rows_of_slides(store, chosen)
         notes = summarised(store, result, rows).notes if rows[grid].numbers else ()
     return slides_of_rows(rows[grid], chosen, grid, notes)
@@ -104,11 +104,11 @@ def summarised(store: Store, result: InTime, rows: Mapping[str, Rows]) -> Summar
     """What the slides are in numbers, kept with what draws them, as a campaign does."""
     models, last = models_of(result.campaign), len(result.times)
     runs.keep_ground(store.folder, models)
-    asked = {
+    fails = {
         "rough": [0 <= first < last for first in result.rough.tolist()],
         "refined": [0 <= first < last for first in result.refined.values()],
     }
-    summary = summarise_slides(result.campaign, result.estimates[-1], rows, asked)
+    summary = summarise_slides(result.campaign, result.estimates[-1], rows, fails)
     write_results(Results(store, runs.ground_of(models), rows["rough"], rows["refined"], summary), models)
     return summary
 

@@ -131,11 +131,11 @@ def predict(
     if field is None and len(parameters.coefficients):
         raise ValueError(f"{len(parameters.coefficients)} coefficients without a field: give it, or no coefficients")
     values = {} if field is None else dict(field(jnp.asarray(parameters.coefficients, scene.particles.mass.dtype)))
-    known = numbers_of(scene)
-    if unknown := sorted(parameters.factors.keys() - known.keys()):
-        raise ValueError(f"{unknown} is no number of the scene: give some of {list(known)}")
+    numbers = numbers_of(scene)
+    if unknown := sorted(parameters.factors.keys() - numbers.keys()):
+        raise ValueError(f"{unknown} is no number of the scene: give some of {list(numbers)}")
     for name, factor in parameters.factors.items():
-        path, value = known[name]
+        path, value = numbers[name]
         # Zones without a number have nan for it, and 0 times nan would be their part of its derivative.
         values[path] = jnp.nan_to_num(values.get(path, value)) * jnp.exp(factor)
     every = max(1, round(survey.seconds / float(scene.numerics.time_step) / survey.times))

@@ -207,9 +207,9 @@ def _raised(campaign: Campaign, by: float) -> Site:
     """The site of a campaign with its water by so much higher (m); ValueError without any."""
     site = campaign.site
     if site.water is None or site.water_table is None:
-        given = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
+        water = "no [water]" if campaign.site.r_u is None else f"r_u = {campaign.site.r_u:g}, which has no level"
         remedy = "draw a [slope] as [ground], and give [water] a level, a table or a depth"
-        raise ValueError(f"water {by:+g} m: the scene has {given}, so none can be raised: {remedy}")
+        raise ValueError(f"water {by:+g} m: the scene has {water}, so none can be raised: {remedy}")
     return replace(site, water=site.water.raised(by, site.shape))
 
 

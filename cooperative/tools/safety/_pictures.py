@@ -77,9 +77,9 @@ def draw_safety(result: Safety, campaign: Campaign, path: Path) -> None:
     Raises:
         OSError: the disk refuses.
     """
-    drawn = [result.equilibrium is not None, result.failing is not None]
+    there = [result.equilibrium is not None, result.failing is not None]
     length, height = campaign.site.shape.extent[0], campaign.site.shape.extent[-1]
-    figure, axes = panels(max(sum(drawn), 1), 1, size=(9.0, 0.85 * 9.0 * height / length + 1.6))
+    figure, axes = panels(max(sum(there), 1), 1, size=(9.0, 0.85 * 9.0 * height / length + 1.6))
     figure.set_layout_engine("compressed")  # of panels in true scale, whose titles the other one may cut off
     title = ", ".join([result.soil, *result.loads])
     shown = iter(axes)

@@ -246,8 +246,8 @@ def _descend(factors: Factors, starts: np.ndarray, steps: np.ndarray, seed: int 
     step = np.ones(count)
     axes = np.concatenate([np.eye(size), -np.eye(size)])
     for _ in range(ROUNDS):
-        drawn = rng.normal(size=(size, size)) / math.sqrt(size)
-        moves = np.concatenate([axes, drawn, -drawn]) * steps
+        normal = rng.normal(size=(size, size)) / math.sqrt(size)
+        moves = np.concatenate([axes, normal, -normal]) * steps
         tried = at[:, None] + step[:, None, None] * moves
         values = factors(tried.reshape(-1, size)).reshape(count, -1)
         best = values.argmin(axis=1)

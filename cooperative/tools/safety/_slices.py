@@ -220,7 +220,7 @@ class _Bodies:
 
     def of(self, which: np.ndarray) -> _Bodies:
         """Those of some surfaces."""
-        return _Bodies(**{each.name: getattr(self, each.name)[which] for each in fields(self)})
+        return _Bodies(**{part.name: getattr(self, part.name)[which] for part in fields(self)})
 
     @cached_property
     def pressed(self) -> np.ndarray:
@@ -514,8 +514,8 @@ class Slices:
             # Rock that does not yield has no contact of its own.
             share = on_floor * (self.rigid(x) <= tops[-1] + ROUNDING)
             cohesion, tangent = (
-                share * own + (1 - share) * soil
-                for own, soil in zip(
+                share * of_contact + (1 - share) * soil
+                for of_contact, soil in zip(
                     (self.contact[0], math.tan(math.radians(self.contact[1]))), (cohesion, tangent), strict=True
                 )
             )
@@ -569,10 +569,10 @@ class Slices:
             number, *at = np.nonzero(lies * there)
             where = tuple(at)
             peak = self.strength(x[where], z[where], number)
-            for values, own, usual in zip(
+            for values, of_place, usual in zip(
                 (cohesion, tangent), (peak[0], np.tan(np.radians(peak[1]))), strengths, strict=True
             ):
-                differs = np.where(np.isfinite(own), own - usual[number], 0)
+                differs = np.where(np.isfinite(of_place), of_place - usual[number], 0)
                 np.add.at(values, where, differs * lies[(number, *at)])
         return cohesion, tangent
 
@@ -680,10 +680,10 @@ def _between(
     rough = bodies.tangent * inverse
     divisor = cosine + sine * rough
     force = (bodies.strength * inverse - bodies.driving) / divisor
-    drawn = force * sine
-    by_inverse = (bodies.strength - drawn * bodies.tangent) / divisor
+    normal = force * sine
+    by_inverse = (bodies.strength - normal * bodies.tangent) / divisor
     by_angle = force * (cosine * rough - sine) / divisor
-    return force, by_inverse, by_angle, divisor, bodies.pressed - drawn
+    return force, by_inverse, by_angle, divisor, bodies.pressed - normal
 
 
 def _level(bodies: _Bodies) -> tuple[np.ndarray, np.ndarray]:

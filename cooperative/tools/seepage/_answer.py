@@ -110,7 +110,7 @@ def wetted(
         full = np.full(head.shape, np.nan) if retention is None else np.asarray(retention.saturation(head), float)
         soil = cells.soil.ravel()
         wet = float(np.mean(head[soil] >= 0))
-        head, full = (np.where(soil, each, np.nan).reshape(cells.shape) for each in (head, full))
+        head, full = (np.where(soil, values, np.nan).reshape(cells.shape) for values in (head, full))
         safety = _factor(resting, sample) if factors else None
         moments.append(Moment(time, head, full, wet, pressure.level, _rate(table.rate, time), safety))
         if announce is not None:
@@ -160,17 +160,19 @@ def lines(result: Wetted) -> Iterator[str]:
             f"{flow.balance:.1g} of what has moved"
         )
         if flow.rained:
-            left = "the rest ran off" if flow.rained - flow.entered > ROUNDING * flow.rained else "none ran off"
-            yield f"  rain      {flow.rained:.3g} {unit} fell, {flow.entered:.3g} {unit} soaked in, {left}"
+            runoff = "the rest ran off" if flow.rained - flow.entered > ROUNDING * flow.rained else "none ran off"
+            yield f"  rain      {flow.rained:.3g} {unit} fell, {flow.entered:.3g} {unit} soaked in, {runoff}"
     else:
         yield f"  pressure  of another program, at {len(flow.times)} times"
     for moment in result.moments:
         factor = "   -  " if moment.factor is None else f"{moment.factor:6.3f}"
         pool = "" if moment.level is None else f", pool at {moment.level:.3g} m"
         yield f"  {in_hours(moment.time):>8}  factor of safety {factor}  {moment.wet:4.0%} saturated{pool}"
-    notes = dict.fromkeys(note for each in result.moments if each.safety is not None for note in each.safety.notes)
+    notes = dict.fromkeys(
+        note for moment in result.moments if moment.safety is not None for note in moment.safety.notes
+    )
     yield from (f"    {note}" for note in notes)
-    known = [each for each in result.moments if each.factor is not None]
-    if known:
-        least = min(known, key=lambda each: each.factor or 0.0)
+    answered = [moment for moment in result.moments if moment.factor is not None]
+    if answered:
+        least = min(answered, key=lambda moment: moment.factor or 0.0)
         yield f"  least     {least.factor:.3f} at {in_hours(least.time)}, by limit equilibrium"

@@ -45,7 +45,7 @@ def write_wetted(result: Wetted, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / "seepage.png"]
     save(_pressures(result), paths[0])
-    if any(each.factor is not None for each in result.moments):
+    if any(moment.factor is not None for moment in result.moments):
         paths.append(folder / "factor.png")
         save(_factors(result), paths[-1])
     texts = {"seepage.csv": _rows(result), "heads.csv": _heads(result), "seepage.json": _json(result)}
@@ -84,8 +84,8 @@ def _pressures(result: Wetted) -> Figure:
     shown = [result.moments[k] for k in np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(int))]
     figure, rows, norm = _rows_of_panels(result, len(shown))
     for axes, moment in zip(rows, shown, strict=True):
-        for ax, drawn in zip(axes, _draw(axes, result, moment, norm), strict=True):
-            figure.colorbar(drawn, ax=ax)
+        for ax, mesh in zip(axes, _draw(axes, result, moment, norm), strict=True):
+            figure.colorbar(mesh, ax=ax)
     _finish(figure, result, rows)
     return figure
 
@@ -104,24 +104,24 @@ def write_animation(result: Wetted, path: Path) -> Path:
         OSError: the disk refuses, or ffmpeg does.
     """
     figure, [axes], norm = _rows_of_panels(result, 1)
-    for ax, drawn in zip(axes, _draw(axes, result, result.moments[0], norm), strict=True):
-        figure.colorbar(drawn, ax=ax)
+    for ax, mesh in zip(axes, _draw(axes, result, result.moments[0], norm), strict=True):
+        figure.colorbar(mesh, ax=ax)
     _finish(figure, result, [axes])
 
     def draw(moment: Moment) -> list[QuadMesh]:
-        drawn = _draw(axes, result, moment, norm)
+        meshes = _draw(axes, result, moment, norm)
         _name_x([axes], result)
-        return drawn
+        return meshes
 
     return save_animation(FuncAnimation(figure, draw, frames=result.moments, interval=MILLISECONDS), path)
 
 
 def _rows_of_panels(result: Wetted, rows: int) -> tuple[Figure, list[list[Axes]], TwoSlopeNorm]:
     """A figure with a row of panels for each time, and the colours of pressure, which all times share."""
-    cells, columns = result.cells, 1 + any(np.isfinite(each.saturation).any() for each in result.moments)
+    cells, columns = result.cells, 1 + any(np.isfinite(moment.saturation).any() for moment in result.moments)
     length, height = cells.shape[0] * cells.spacing[0], cells.shape[-1] * cells.spacing[-1]
     figure, axes = panels(rows, columns, size=(5.6, max(1.3, 5.6 * height / length + 0.7)))
-    pressures = [_pressure(result, each) for each in result.moments]
+    pressures = [_pressure(result, moment) for moment in result.moments]
     low, high = min(map(np.nanmin, pressures)), max(map(np.nanmax, pressures))
     norm = TwoSlopeNorm(0.0, min(float(low), -1e-3), max(float(high), 1e-3))
     return figure, [axes[row * columns : (row + 1) * columns] for row in range(rows)], norm
@@ -137,14 +137,14 @@ def _draw(axes: Sequence[Axes], result: Wetted, moment: Moment, norm: TwoSlopeNo
     for ax in axes:
         ax.clear()
     pressure = _pressure(result, moment)
-    drawn = [_field(axes[0], result, pressure, cmap="RdBu", norm=norm)]
+    meshes = [_field(axes[0], result, pressure, cmap="RdBu", norm=norm)]
     _outline(axes[0], result, moment, pressure)
     axes[0].set_title(f"{in_hours(moment.time)}: pore pressure [kPa]", loc="left")
     for ax in axes[1:]:
-        drawn.append(_field(ax, result, _middle(result, moment.saturation), cmap="Blues", vmin=0.0, vmax=1.0))
+        meshes.append(_field(ax, result, _middle(result, moment.saturation), cmap="Blues", vmin=0.0, vmax=1.0))
         factor = "" if moment.factor is None else f", factor of safety {moment.factor:.3f}"
         ax.set_title(f"effective saturation{factor}", loc="left")
-    return drawn
+    return meshes
 
 
 def _finish(figure: Figure, result: Wetted, rows: Sequence[Sequence[Axes]]) -> None:
@@ -160,11 +160,11 @@ def _name_x(rows: Sequence[Sequence[Axes]], result: Wetted) -> None:
         ax.set_xlabel(f"x [m]{where}")
 
 
-def _field(ax: Axes, result: Wetted, values: np.ndarray, **look: Any) -> QuadMesh:
+def _field(ax: Axes, result: Wetted, values: np.ndarray, **style: Any) -> QuadMesh:
     cells = result.cells
     edges = [cells.corner[k] + cells.spacing[k] * np.arange(cells.shape[k] + 1) for k in (0, len(cells.shape) - 1)]
     ax.set(aspect="equal", ylabel="z [m]")
-    return ax.pcolormesh(*edges, values.T, **look)
+    return ax.pcolormesh(*edges, values.T, **style)
 
 
 def _outline(ax: Axes, result: Wetted, moment: Moment, pressure: np.ndarray) -> None:
@@ -186,9 +186,9 @@ def _outline(ax: Axes, result: Wetted, moment: Moment, pressure: np.ndarray) -> 
 def _factors(result: Wetted) -> Figure:
     """Factor of safety against time, above the rain or the level."""
     figure, axes = panels(2, 1, size=(7.0, 2.8))
-    known = [each for each in result.moments if each.factor is not None]
+    answered = [moment for moment in result.moments if moment.factor is not None]
     unit, _ = clock(result.moments[-1].time)
-    times, factors = zip(*((each.time / unit, each.factor) for each in known), strict=True)
+    times, factors = zip(*((moment.time / unit, moment.factor) for moment in answered), strict=True)
     axes[0].plot(times, factors, "o-", color="#D55E00", clip_on=False)
     axes[0].axhline(1.0, color="0.5", lw=0.8, ls=":")
     axes[0].set(ylabel="factor of safety by slices")
@@ -236,10 +236,10 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def _rows(result: Wetted) -> str:
     rows: list[list[object]] = [
         [
-            each.time, each.rate * MM_PER_HOUR, "" if each.level is None else each.level, each.wet,
-            "" if each.factor is None else round(each.factor, 5),
+            moment.time, moment.rate * MM_PER_HOUR, "" if moment.level is None else moment.level, moment.wet,
+            "" if moment.factor is None else round(moment.factor, 5),
         ]
-        for each in result.moments
+        for moment in result.moments
     ]  # fmt: skip
     return csv_text(["t [s]", "rain [mm/h]", "level [m]", "saturated share", "factor of safety"], rows)
 
@@ -250,7 +250,7 @@ def _heads(result: Wetted) -> str:
     position = cells.centres().reshape(len(cells.shape), -1)[:, cells.soil.ravel()]
     axes = ["x [m]", "z [m]"] if len(position) == 2 else ["x [m]", "y [m]", "z [m]"]
     rows: list[list[object]] = [
-        [*(round(float(each), 4) for each in at), moment.time, round(float(head + at[-1]), 5)]
+        [*(round(float(coordinate), 4) for coordinate in at), moment.time, round(float(head + at[-1]), 5)]
         for moment in result.moments
         for at, head in zip(position.T, moment.head[cells.soil], strict=True)
     ]
@@ -265,8 +265,14 @@ def _json(result: Wetted) -> str:
         "rained": getattr(flow, "rained", None),
         "soaked_in": getattr(flow, "entered", None),
         "moments": [
-            {"time": each.time, "rate": each.rate, "level": each.level, "saturated": each.wet, "factor": each.factor}
-            for each in result.moments
+            {
+                "time": moment.time,
+                "rate": moment.rate,
+                "level": moment.level,
+                "saturated": moment.wet,
+                "factor": moment.factor,
+            }
+            for moment in result.moments
         ],
     }
     return json.dumps(content, indent=1) + "\n"

@@ -89,21 +89,21 @@ def read_section(path: Path) -> DrawnSection:
     """
     text = decoded(path, read_given(path, MOST_BYTES))
     try:
-        given = tomllib.loads(text)
+        scene = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path} is no scene in TOML: {error}") from error
-    if "ground" not in given:
+    if "ground" not in scene:
         raise ValueError(
             f"{path} has no table [ground]: --section takes the scene of a section, for a terrain --surface"
         )
-    if clash := [key for key in ("layer", "soil", "strength") if key in given]:
+    if clash := [key for key in ("layer", "soil", "strength") if key in scene]:
         raise ValueError(f"{path} has {', '.join(clash)} already, which the soundings give: leave out these tables")
-    ground = tables.read(tables.GroundTable, given["ground"], "ground", files=Files({}, path.parent))
+    ground = tables.read(tables.GroundTable, scene["ground"], "ground", files=Files({}, path.parent))
     surface = np.array(ground.surface, float).T
     low, high = ground.walls or (float(surface[0, 0]), float(surface[0, -1]))
     stations = np.unique(np.clip(np.r_[surface[0], low, high], low, high))
     surface = np.stack([stations, np.interp(stations, *surface)])
-    beside = tuple(text_there for text_there in _texts(given) if (path.parent / text_there.partition("#")[0]).is_file())
+    beside = tuple(text_there for text_there in _texts(scene) if (path.parent / text_there.partition("#")[0]).is_file())
     return DrawnSection(path, text, surface, ground.base, beside)
 
 

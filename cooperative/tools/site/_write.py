@@ -91,14 +91,14 @@ def _toml(site: SiteEstimate) -> Iterator[str]:
     """The tables of a scene."""
     yield f"# Layers of {len(site.soundings)} soundings, for a scene with [ground] or [terrain], in its elevations."
     yield "# Look at each boundary and at young, poisson and cohesion, which are no results of the soundings."
-    drawn, section = _drawn(site), site.assumed.section
-    for number, layer in enumerate(drawn, 1):
+    layers, section = _drawn(site), site.assumed.section
+    for number, layer in enumerate(layers, 1):
         fit = layer.fit
         yield ""
         yield from (f"# {remark}" for remark in layer.remarks)
         yield "[[layer]]"
         yield f"name = {toml_value(layer.name)}"
-        if number < len(drawn):
+        if number < len(layers):
             level = f"[[-1e5, {layer.bottom:.2f}], [1e5, {layer.bottom:.2f}]]"
             yield f"bottom = {level if section is None else section.bottom(layer.bottom)}"
         yield f"unit_weight = {site.assumed.unit_weight:g}    # N/m3"

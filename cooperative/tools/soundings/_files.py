@@ -290,8 +290,8 @@ def _csv(path: Path, units: Mapping[str, str]) -> Contents:
         names = texts["name"]
         return [_of_rows(path, table | texts, name, names == name) for name in dict.fromkeys(names.tolist())], []
     if not PARAMETERS.keys() & table.keys():
-        known = known_names(CONE | PARAMETERS)
-        raise ValueError(f"{path} has no column of a sounding or of the laboratory: name one of {known}")
+        columns = known_names(CONE | PARAMETERS)
+        raise ValueError(f"{path} has no column of a sounding or of the laboratory: name one of {columns}")
     return [], measured_of(path, table, texts)
 
 

@@ -96,7 +96,7 @@ def test_no_draw_meets_what_is_hidden_more_rarely_than_the_limit_says(seed, leve
     model = np.sort(generator.beta(0.3, 1.0, size=count))[::-1].clip(1e-9, 1 - 1e-9)
     known, waves = np.zeros(count, dtype=bool), []
     for size, share in ((8, 1.0), (6, 0.5), (10, 0.2)):
-        waves.append(draw_wave(generator, model, weight=weight, known=known, size=size, floor=share))
+        waves.append(draw_wave(generator, model, weight=weight, finished=known, size=size, floor=share))
         known[waves[-1].ranks] = True
     outcome = np.where(known, 0.0, np.nan)
     outcome[np.flatnonzero(known)[0]] = 1.0

@@ -29,7 +29,7 @@ def test_the_sum_is_exactly_unbiased_whenever_it_ends(failing, target):
     for outcome in itertools.product((0.0, 1.0), repeat=BUDGET):
         outcome = np.array(outcome)
         chance = np.prod(np.where(outcome == 1, failing, 1 - failing))
-        ran = in_order(outcome, SAMPLES, target=target, budget=BUDGET, look=2)
+        ran = in_order(outcome, SAMPLES, target=target, budget=BUDGET, interval=2)
         assert ran.draw_weight.sum() == pytest.approx(1.0)
         assert ran.to_run == ran.draw_weight.size
         expectation += chance * float(ran.draw_weight @ ran.each)
@@ -46,7 +46,12 @@ def test_a_control_that_learns_leaves_the_sum_unbiased():
     for _ in range(1500):
         order = generator.permutation(SAMPLES)
         ran = in_order(
-            failed[order], SAMPLES, target=0.3, budget=60, look=5, control=lambda known, at=order: control(known)[at]
+            failed[order],
+            SAMPLES,
+            target=0.3,
+            budget=60,
+            interval=5,
+            control=lambda known, at=order: control(known)[at],
         )
         totals.append(float(ran.draw_weight @ ran.each))
     assert np.mean(totals) == pytest.approx(0.2, abs=3 * np.std(totals) / np.sqrt(len(totals)))

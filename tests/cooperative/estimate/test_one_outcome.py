@@ -27,7 +27,12 @@ def ordered(order, model, even):
     known, waves, probability = np.zeros(model.size, bool), [], 1.0
     for first in range(0, len(order), 2):
         wave = draw_wave(
-            np.random.default_rng(0), model, weight=np.full(model.size, 1 / model.size), known=known, size=2, floor=even
+            np.random.default_rng(0),
+            model,
+            weight=np.full(model.size, 1 / model.size),
+            finished=known,
+            size=2,
+            floor=even,
         )
         ranks = np.array(order[first : first + 2])
         chances = wave.chance[ranks]

@@ -59,7 +59,7 @@ def test_draws_have_the_probabilities_they_claim():
     counts: dict[tuple[int, int], int] = {}
     claimed: dict[tuple[int, int], float] = {}
     for _ in range(20_000):
-        wave = draw_wave(generator, model, weight=weight, known=known, size=2, floor=0.2)
+        wave = draw_wave(generator, model, weight=weight, finished=known, size=2, floor=0.2)
         pair_drawn = (int(wave.ranks[0]), int(wave.ranks[1]))
         counts[pair_drawn] = counts.get(pair_drawn, 0) + 1
         claimed[pair_drawn] = float(wave.probability.prod())
@@ -159,7 +159,7 @@ def test_shares_add_up_to_one_whatever_the_target_needs(needed, budget, size, ea
     rest, drawn, shares = 1.0, 0, []
     for need in itertools.cycle(needed):
         some = min(size, budget - drawn)
-        share = target_weights(need * early, rest, drawn=drawn, size=some, left=budget - drawn)
+        share = target_weights(need * early, rest, before=drawn, size=some, budget=budget - drawn)
         assert 0 < share.size <= some
         assert np.all(share > 0)
         shares.append(share)
@@ -180,15 +180,15 @@ def test_an_audit_that_ends_by_its_target_is_exactly_unbiased(failing, monkeypat
     population, outcome = Population(np.exp(-np.arange(float(count)))), {n: n in failing for n in range(count)}
 
     def drawing(ordered):
-        def draw(generator, model, *, weight, known, size, floor, doubt, order):
+        def draw(generator, model, *, weight, finished, size, floor, doubt, order):
             assert order is None
             # A target draws where failures may hide.
             assert doubt is not None
             first = draw_wave(
-                np.random.default_rng(0), model, weight=weight, known=known, size=1, floor=floor, doubt=doubt
+                np.random.default_rng(0), model, weight=weight, finished=finished, size=1, floor=floor, doubt=doubt
             )
             chances = first.chance
-            ranks = np.array(ordered[known.sum() :][:size])
+            ranks = np.array(ordered[finished.sum() :][:size])
             each = chances[ranks] / (1 - np.concatenate([[0.0], np.cumsum(chances[ranks])[:-1]]))
             return audit_module.Wave(ranks, each, chances, model)
 

@@ -403,7 +403,7 @@ def test_flows_side_by_side_are_those_of_single_ones(monkeypatch):
     together = campaign.flowing.solved(fields)
     for field, lane in zip(fields, together, strict=True):
         (single,) = campaign.flowing.solved([field])
-        for one, other in zip(single.known, lane.known, strict=True):
+        for one, other in zip(single.at_times, lane.at_times, strict=True):
             np.testing.assert_allclose(one.total, other.total, atol=1e-6)
 
 
