@@ -236,22 +236,23 @@ def section_panels(position: np.ndarray, rows: int) -> tuple[Figure, list[Axes]]
     return panels(rows, size=(8.0, 6.8 * height / length + 0.8))
 
 
-def section_panels_beside(
-    position: np.ndarray, rows: int, beside: int, *, width: float = 3.2
-) -> tuple[Figure, list[Axes], list[Axes]]:
+BESIDE = 3.2
+"""Width (inch) of panels beside a section."""
+
+
+def section_panels_beside(position: np.ndarray, rows: int, beside: int) -> tuple[Figure, list[Axes], list[Axes]]:
     """Panels of a section, and others one above the other to their right.
 
     Args:
         position: of the section (2, N) m.
         rows: panels of the section.
         beside: panels to their right, 0 for none.
-        width: of these (inch).
     """
     if beside == 0:
         return *section_panels(position, rows), []
     length, height = np.ptp(position, axis=1)
-    figure = Figure(figsize=(8.0 + width, rows * (6.8 * height / length + 0.8)), layout="constrained")
-    both = figure.add_gridspec(1, 2, width_ratios=(8.0, width))
+    figure = Figure(figsize=(8.0 + BESIDE, rows * (6.8 * height / length + 0.8)), layout="constrained")
+    both = figure.add_gridspec(1, 2, width_ratios=(8.0, BESIDE))
     columns = [
         [figure.add_subplot(cell.subgridspec(count, 1)[row]) for row in range(count)]
         for cell, count in ((both[0], rows), (both[1], beside))

@@ -198,7 +198,7 @@ class Files:
             try:
                 self.known[name] = read()
             except ValueError as error:
-                if "\\" not in name and name.isprintable():
+                if "\0" in name or ("\\" not in name and name.isprintable()):
                     raise
                 rule = f"has a backslash, or a special character that one gave ({error})"
                 raise Invalid((), shown(name), rule, "write folders of a path with / in between") from error
@@ -328,7 +328,9 @@ def unpacked(name: str, table: Any) -> Raster | BaseMotion:
     try:
         content = _record(table) if "samples" in table else _raster(table)
     except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error) as error:
-        raise Invalid(("files", name), None, f"is damaged ({shown(str(error))})", "run the scene's file") from error
+        raise Invalid(
+            (), f"files {shown(name)}", f"is damaged ({shown(str(error))})", "run the scene's file"
+        ) from error
     if isinstance(content, Raster):
         content.check(f"files {shown(name)}")
     return content

@@ -330,13 +330,18 @@ Line = Annotated[
 """Points [x, z] (m), also by the name of a file: the context, `scene._files.Files`, has them."""
 
 
-def _data(value: object, info: ValidationInfo) -> object:
-    return info.context.data(value) if isinstance(value, str) and info.context is not None else value
+def of_file(read: Callable[[Any, str], object]) -> BeforeValidator:
+    """Of a type of rows: these, or what the file of a name has; the name where there is no context."""
+
+    def rows(value: object, info: ValidationInfo) -> object:
+        return read(info.context, value) if isinstance(value, str) and info.context is not None else value
+
+    return BeforeValidator(rows, json_schema_input_type=Rows | str)
 
 
 Data = Annotated[
     Rows,
-    BeforeValidator(_data, json_schema_input_type=Rows | str),
+    of_file(lambda files, name: files.data(name)),
     Field(json_schema_extra={"allowed": "rows of a coordinate per axis and the value, or the name of a file"}),
 ]
 """Rows of numbers, also by the name of a file, likewise."""

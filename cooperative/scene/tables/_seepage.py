@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self, TypeVar
 import jax.numpy as jnp
 import numpy as np
 from annotated_types import GroupedMetadata, MaxLen, MinLen
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, ValidationInfo
+from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo
 from pydantic import model_validator as validates
 
 from cooperative.scene.tables._key import (
@@ -27,6 +27,7 @@ from cooperative.scene.tables._key import (
     Text,
     Within,
     key,
+    of_file,
     plain_name,
     table,
 )
@@ -281,13 +282,9 @@ H = TypeVar("H", bound=Hydraulics)
 Keys = tuple[str | int, ...]
 
 
-def _pressure(value: object, info: ValidationInfo) -> object:
-    return info.context.pressure(value) if isinstance(value, str) and info.context is not None else value
-
-
 Pressure = Annotated[
     Rows,
-    BeforeValidator(_pressure, json_schema_input_type=Rows | str),
+    of_file(lambda files, name: files.pressure(name)),
     Field(json_schema_extra={"allowed": "rows of a point, a time (s) and the total head, or the name of a CSV file"}),
 ]
 """Total heads (m) of another program: rows [x, z, t, head], in 3D [x, y, z, t, head]."""

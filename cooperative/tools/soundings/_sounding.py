@@ -69,15 +69,14 @@ class Sounding:
         return self.top - self.depth
 
 
-def one_number(text: str | None, void: float = math.nan) -> float:
-    """The number in a header of a file, nan where it has none or a void code.
+def one_number(text: str | None) -> float:
+    """The number in a header of a file, nan where it has none.
 
     Args:
         text: of the header, None where it is missing.
-        void: that the file declares.
     """
     value = number(text or "")
-    return float(numbers("", [text or ""], void)[0]) if math.isfinite(value) else math.nan
+    return float(numbers("", [text or ""])[0]) if math.isfinite(value) else math.nan
 
 
 @dataclass(frozen=True)

@@ -186,7 +186,7 @@ def test_a_damaged_packed_record_is_named(tmp_path):
     packed = source.beside["files"]["record.csv"]
     for damage in ({"samples": 90}, {"acceleration": "!"}, {"interval": -1.0}):
         beside = {"files": {"record.csv": packed | damage}}
-        with pytest.raises(ValueError, match=r"files 'record\.csv': its table in \[files\] is damaged"):
+        with pytest.raises(ValueError, match=r"files 'record\.csv' is damaged"):
             parse(replace(source, beside=beside))
 
 
