@@ -328,9 +328,8 @@ def unpacked(name: str, table: Any) -> Raster | BaseMotion:
     try:
         content = _record(table) if "samples" in table else _raster(table)
     except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error) as error:
-        raise Invalid(
-            (), f"files {shown(name)}", f"is damaged ({shown(str(error))})", "run the scene's file"
-        ) from error
+        rule = f"is damaged ({shown(str(error))})"
+        raise Invalid((), f"files {shown(name)}", rule, "run the scene's file") from error
     if isinstance(content, Raster):
         content.check(f"files {shown(name)}")
     return content

@@ -119,4 +119,4 @@ def _slips(soil: AnySoil) -> Iterator[str]:
             continue
         for end in (np.min, np.max):
             if slip := unit_slip(name, float(end(np.asarray(value)))):
-                yield slip.of(name)
+                yield str(slip.named(name))

@@ -50,7 +50,7 @@ class Assumed:
         """Check the numbers that no reader looks at."""
         check.positive("unit_weight", self.unit_weight, "N/m3")
         if slip := unit_slip("unit_weight", self.unit_weight):
-            raise ValueError(f"{slip.of('unit_weight')} Give N/m3, such as 18e3")
+            raise ValueError(f"{slip.named('unit_weight')} Give N/m3, such as 18e3")
         for name in ("water", "line", "origin", "base"):
             if getattr(self, name) is not None:
                 check.finite(name, getattr(self, name), "m")
