@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Self
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike
 
 from jaxmpm.support.values import by_value
 
@@ -13,39 +17,58 @@ from jaxmpm.support.values import by_value
 @by_value
 @dataclass(frozen=True)
 class ReleaseHistory:
-    """The past of one run, reduced to one number per particle and a few per pair of snapshots.
+    """The past of one run, reduced to a few numbers per particle, which stay on the device, and one per snapshot.
 
     Args:
         volume: (N,).
         failure_displacement: from which on soil has let go (m).
-        times: of the snapshots seen so far (s).
+        times: of the snapshots seen so far (s), the first at rest.
         moved: how far each particle had moved by the last of them (N,) m.
-        onset: when it let go (N,) s, linear between snapshots, inf if it has not.
+        released: snapshot by which it had let go (N,), a place in `times`; 0 if it has not.
+        around: how far it had moved by the snapshots before and after it let go (2, N) m.
     """
 
     volume: np.ndarray
     failure_displacement: float
     times: tuple[float, ...]
-    moved: np.ndarray
-    onset: np.ndarray
+    moved: ArrayLike
+    released: ArrayLike
+    around: ArrayLike
 
     @classmethod
     def start(cls, volume: np.ndarray, failure_displacement: float) -> Self:
         """A run at rest at time 0."""
-        volume = np.asarray(volume, dtype=float)
-        return cls(volume, failure_displacement, (0.0,), np.zeros(volume.shape), np.full(volume.shape, np.inf))
+        volume, rest = np.asarray(volume, dtype=float), np.zeros(np.shape(volume), np.float32)
+        return cls(volume, failure_displacement, (0.0,), rest, rest.astype(np.int32), np.stack([rest, rest]))
 
-    def after(self, time: float, moved: np.ndarray) -> Self:
+    def after(self, time: float, moved: ArrayLike) -> Self:
         """The past after one more snapshot, `moved` (N,) m at `time` (s). ValueError for times that do not ascend."""
         if not time > self.times[-1]:
             raise ValueError(f"times do not ascend: {time} s after {self.times[-1]} s, give snapshots in order")
-        moved = np.asarray(moved, dtype=float)
-        lets_go = np.isinf(self.onset) & (moved >= self.failure_displacement)
-        onset = self.onset.copy()
-        before, now = self.moved[lets_go], moved[lets_go]
-        part = (self.failure_displacement - before) / (now - before)
-        onset[lets_go] = self.times[-1] + part * (time - self.times[-1])
-        return replace(self, times=(*self.times, time), moved=moved, onset=onset)
+        moved = jnp.asarray(moved)
+        released, around = _let_go(
+            self.moved, self.released, self.around, moved, len(self.times), self.failure_displacement
+        )
+        return replace(self, times=(*self.times, time), moved=moved, released=released, around=around)
+
+    @property
+    def onset(self) -> np.ndarray:
+        """When each particle let go (N,) s, linear between snapshots, inf if it has not."""
+        released, (before, now) = np.asarray(self.released), np.asarray(self.around, dtype=float)
+        gone, times, onset = released > 0, np.asarray(self.times), np.full(released.shape, np.inf)
+        earlier, later = times[released[gone] - 1], times[released[gone]]
+        part = (self.failure_displacement - before[gone]) / (now[gone] - before[gone])
+        onset[gone] = earlier + part * (later - earlier)
+        return onset
+
+
+@jax.jit
+def _let_go(
+    before: Array, released: Array, around: Array, moved: Array, snapshot: int, limit: float
+) -> tuple[Array, Array]:
+    """`released` and `around` of a history after one more snapshot."""
+    lets_go = (released == 0) & (moved >= limit)
+    return jnp.where(lets_go, snapshot, released), jnp.where(lets_go, jnp.stack([before, moved]), around)
 
 
 BINS = 4

@@ -28,6 +28,8 @@ from jaxmpm.support.values import by_value
 
 MEMORY = "memory."
 """Begins the names of the memories of stopping rules in a restart point."""
+PAST = ("moved", "released", "around")
+"""Arrays of a `ReleaseHistory` in a restart point."""
 PASSED = (1.0, 5.0)
 """Multiples of the failure displacement. A frame is the state after the first chunk of steps that ends beyond one."""
 
@@ -110,8 +112,7 @@ def write_restart(folder: Path, grid: str, number: int, digest: str, point: Rest
         "seconds": point.seconds,
         **{f"{MEMORY}{name}": memory for name, memory in point.midway.memory.items()},
         "times": np.asarray(motion.times),
-        "moved": motion.moved,
-        "onset": motion.onset,
+        **{name: np.asarray(getattr(motion, name)) for name in PAST},
         **point.frames.as_fields(),
     }
     save_state(path, point.midway.state, about=about)
@@ -139,12 +140,13 @@ def read_restart(
         if path.parent.is_symlink():
             raise files.DamagedFile(f"{path} leads out of the campaign's folder")
         state, about = load_state(path, like)
-        if (about.get("scene"), about.get("grid"), about.get("sample")) != (digest, grid, number):
+        of_run = (about.get("scene"), about.get("grid"), about.get("sample")) == (digest, grid, number)
+        if not of_run or not {"times", *PAST} <= about.keys():
             raise files.DamagedFile(f"{path} is of another scene or sample")
     except ValueError as error:
         warnings.warn(f"{error}: set aside, the run starts afresh", stacklevel=2)
         files.set_aside(path)
         return None
     memory = {name.removeprefix(MEMORY): values for name, values in about.items() if name.startswith(MEMORY)}
-    motion = replace(start, times=tuple(about["times"].tolist()), moved=about["moved"], onset=about["onset"])
+    motion = replace(start, times=tuple(about["times"].tolist()), **{name: about[name] for name in PAST})
     return RestartPoint(Midway(state, memory), motion, Frames.of(about), about["seconds"])

@@ -167,16 +167,17 @@ class _UnderWay:
         Raises `Stopped` after the last one, if none waits to be given out.
         """
         lane, plan = self.lanes[number], self.model.campaign.plan
-        running, over = (bool(midway.state.status == status) for status in (Status.RUNNING, Status.FINISHED))
+        status = int(midway.state.status)
+        running = status == Status.RUNNING
         # A refined run that has failed may be asked to slide on from here.
-        failed = self.model.slides_on and bool(midway.state.status == Status.DECIDED)
+        failed = self.model.slides_on and status == Status.DECIDED
         # A slide that has not come to rest may be asked to go on later.
-        moving = over and self.model.slides_on and self._slid(midway)
+        moving = self.model.slides_on and status == Status.FINISHED and self._slid(midway)
         if seconds > lane.motion.times[-1]:  # a lane with a number that none may have takes no step
-            magnitude = np.asarray(_magnitude(midway.state.displacement))
-            lane.motion = lane.motion.after(seconds, magnitude)
+            moved, farthest = _moved(midway.state.displacement)
+            lane.motion = lane.motion.after(seconds, moved)
             stored = self.model.grid in plan.fields and (running or failed)
-            if stored and lane.frames.due(float(magnitude.max()), lane.motion.failure_displacement):
+            if stored and lane.frames.due(float(farthest), lane.motion.failure_displacement):
                 lane.frames = lane.frames.after(seconds, midway.state.displacement)
         now = time.perf_counter()
         due = self.stopping or now - lane.written > plan.restart_every
@@ -195,13 +196,15 @@ class _UnderWay:
     def _slid(self, midway: Midway) -> bool:
         """Whether enough soil of a run has moved as far as a failure."""
         campaign, volume = self.model.campaign, np.asarray(self.model.scene.particles.volume)
-        moved = np.asarray(_magnitude(midway.state.displacement))
-        return exceeded(moved, volume, campaign.failing_volume) > campaign.run.failure_displacement
+        moved, _ = _moved(midway.state.displacement)
+        return exceeded(np.asarray(moved), volume, campaign.failing_volume) > campaign.run.failure_displacement
 
 
 @jax.jit
-def _magnitude(displacement: jax.Array) -> jax.Array:
-    return jnp.linalg.norm(displacement, axis=0)
+def _moved(displacement: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """How far each particle has moved (N,) m, and the farthest."""
+    moved = jnp.linalg.norm(displacement, axis=0)
+    return moved, moved.max()
 
 
 def finished(

@@ -191,6 +191,27 @@ def test_onset_is_interpolated_between_snapshots():
     np.testing.assert_allclose(motion.onset, [1.5, np.inf, 0.5])
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.3, 0.7, 1.0]), st.integers(1, 6))
+@settings(deadline=None, max_examples=25)
+def test_onsets_are_those_of_each_particle_by_itself(seed, limit, looks):
+    """Soil that comes back, stands, or lets go between the first two snapshots, in double precision on the host."""
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.05, 0.3, looks))
+    moved = rng.uniform(0.0, 1.3 * limit, (looks, 50)).astype(np.float32)
+    motion = ReleaseHistory.start(np.ones(50), limit)
+    for time, now in zip(times, moved, strict=True):
+        motion = motion.after(float(time), now)
+    path = np.vstack([np.zeros(50), moved.astype(float)])
+    for particle, onset in enumerate(motion.onset):
+        gone = np.flatnonzero(path[:, particle] >= limit)
+        if not gone.size:
+            assert onset == np.inf
+            continue
+        (t0, t1), (a, b) = np.array([0.0, *times])[gone[0] - 1 :][:2], path[gone[0] - 1 :, particle][:2]
+        assert onset == t0 + (limit - a) / (b - a) * (t1 - t0)
+    assert np.array_equal(motion.moved, moved[-1])
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [
