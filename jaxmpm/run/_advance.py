@@ -164,7 +164,7 @@ def is_none(node: object) -> bool:
     return node is None
 
 
-def take(tree: Tree, index: int | np.ndarray, axes: Tree | None = None) -> Tree:
+def take(tree: Tree, index: int | np.ndarray | Array, axes: Tree | None = None) -> Tree:
     """The lane with an index, or the lanes with indices.
 
     Args:

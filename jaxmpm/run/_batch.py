@@ -111,16 +111,10 @@ class Batch:
         """A batch with one lane for each sample."""
         axes = jax.tree.map(lambda a, b: None if a is b else 0, shared, samples[0].scene)
         starts = [sample.begin() for sample in samples]
-        scene = jax.tree.map(
-            lambda axis, *leaves: leaves[0] if axis is None else jnp.stack(leaves),
-            axes,
-            *(sample.scene for sample in samples),
-            is_leaf=is_none,
-        )
+        scene, state = _stacked([sample.scene for sample in samples], [start.state for start in starts], axes)
         watch = Watch.start(rules, (len(samples),))
         for lane, start in enumerate(starts):
             watch = watch.restarted(lane, start.memory)
-        state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(start.state for start in starts))
         paces = [_pace(sample.scene, t_end, every) for sample in samples]
         time_step, total, chunk = (np.array(column) for column in zip(*paces, strict=True))
         return cls(
@@ -163,8 +157,8 @@ class Batch:
 
     def result(self, lane: int) -> Result:
         """Result of a sample that has ended."""
-        scene = take(self.scene, lane, self.axes)
-        return Result(jax.device_get(take(self.state, lane)), scene.numerics.time_step)
+        numerics = take(self.scene.numerics, lane, self.axes.numerics)
+        return Result(jax.device_get(_lane(self.state, lane)), numerics.time_step)
 
     def advanced(self, slides_end: SlidesEnd | None = None) -> Batch:
         """The batch after a chunk of steps of every lane and a look at each.
@@ -227,10 +221,11 @@ class Batch:
             return self
         empty = [lane for lane in range(len(self.numbers)) if self.numbers[lane] is None]
         keep = np.asarray(sorted([*busy, *empty[: width - len(busy)]]))
+        scene, state = _kept(self.scene, self.state, keep, self.axes)
         return replace(
             self,
-            scene=take(self.scene, keep, self.axes),
-            state=take(self.state, keep),
+            scene=scene,
+            state=state,
             watch=self.watch.of(keep),
             numbers=tuple(self.numbers[lane] for lane in keep),
             time_step=self.time_step[keep],
@@ -249,6 +244,22 @@ def _pace(scene: Scene, t_end: float, every: float) -> tuple[float, int, int]:
 def even_chunk(total: int, about: int) -> int:
     """Steps of a chunk, within a fifth of `about`, whose multiples reach `total` with the fewest steps beyond."""
     return min(range(max(1, about * 4 // 5), max(2, about * 6 // 5)), key=lambda c: (-total % c, abs(c - about)))
+
+
+@partial(jax.jit, static_argnames="axes")
+def _stacked(scenes: list[Scene], states: list[State], axes: Scene) -> tuple[Scene, State]:
+    """Scene and state of lanes, one for each sample."""
+
+    def stacked(axis: int | None, *leaves: Array) -> Array:
+        return leaves[0] if axis is None else jnp.stack(leaves)
+
+    return jax.tree.map(stacked, axes, *scenes, is_leaf=is_none), jax.tree.map(partial(stacked, 0), *states)
+
+
+@partial(jax.jit, static_argnames="axes")
+def _kept(scenes: Scene, states: State, lanes: Array, axes: Scene) -> tuple[Scene, State]:
+    """Scene and state of some lanes."""
+    return take(scenes, lanes, axes), take(states, lanes)
 
 
 @jax.jit
