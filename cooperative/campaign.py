@@ -185,7 +185,7 @@ class Runner:
     @property
     def at_once(self) -> int:
         """Refined runs under way at once."""
-        return self.campaign.plan.look_ahead if self.workers is None else self.workers.count
+        return self.models["refined"].lanes if self.workers is None else self.workers.count
 
     def rows(self, grid: str) -> Rows:
         """Rows of a grid in the folder."""
@@ -211,9 +211,8 @@ class Runner:
             )  # fmt: skip
         else:
             ended = runs.run_samples(
-                self.models[grid], coefficients, numbers, width=plan.look_ahead if grid == "refined" else plan.lanes,
-                rules=rules, restart_in=folder if grid == "refined" else None, stop=self.stop.requested,
-                slides=slides,
+                self.models[grid], coefficients, numbers, rules=rules,
+                restart_in=folder if grid == "refined" else None, stop=self.stop.requested, slides=slides,
             )  # fmt: skip
         for sample in ended:
             yield sample

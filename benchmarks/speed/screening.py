@@ -39,7 +39,6 @@ def screened(campaign: Any, count: int) -> dict[str, Any]:
             model,
             coefficients,
             range(count),
-            width=campaign.plan.lanes,
             rules=campaign.rules(campaign.plan.screening_stop),
             on_chunk=chunks.append,
         ):

@@ -25,6 +25,7 @@ from cooperative.runs._derived import (
     wetted,
 )
 from cooperative.runs._flow import under_own_flow
+from cooperative.runs._lanes import lanes_of
 from cooperative.runs._random_soil import RandomSoil
 from cooperative.runs._values import growth_at, times, values_at
 from cooperative.scene import CONTACT, Campaign, RandomField, rested
@@ -63,6 +64,11 @@ class GridModel:
     strength_factor: float = 1.0
     layer: np.ndarray | None = None
     stress: jax.Array | None = None
+
+    @property
+    def lanes(self) -> int:
+        """Runs that go at once through one program in this process."""
+        return lanes_of(self.campaign.plan, self.grid, self.scene.particles.position.shape[-1])
 
     @property
     def half_size(self) -> np.ndarray:

@@ -56,7 +56,7 @@ def run_samples(
         model: the grid.
         coefficients: (modes,) of each number.
         numbers: of the samples.
-        width: lanes at a time; None takes 1 on CPU, where lanes run in turn, and 64 elsewhere.
+        width: lanes at a time; None for `model.lanes`.
         rules: that end a run before its end time, by default `model.campaign.rules()`.
         on_chunk: called after every chunk of steps.
         restart_in: folder of the campaign, where runs longer than `restart_every` write restart points and go on from
@@ -72,8 +72,6 @@ def run_samples(
     Raises:
         Stopped: once `stop` was true.
     """
-    if width is None:
-        width = 1 if jax.default_backend() == "cpu" else 64
     run = model.campaign.run
     under_way, left_out = _UnderWay(model, restart_in, stop, SLIDES if slides else model.grid), False
 
@@ -95,9 +93,9 @@ def run_samples(
     soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(names))
     varied = {name: map(itemgetter(name), soil_of_sample) for name, soil_of_sample in zip(names, soils, strict=True)}
     for number, result in solve_each(
-        model.scene, model.state, varied, numbers=drawn_numbers, width=width, t_end=run.t_end,
-        rules=model.campaign.rules() if rules is None else rules, slides_end=model.slides_end, on_chunk=looked,
-        observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
+        model.scene, model.state, varied, numbers=drawn_numbers, width=model.lanes if width is None else width,
+        t_end=run.t_end, rules=model.campaign.rules() if rules is None else rules, slides_end=model.slides_end,
+        on_chunk=looked, observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
     ):  # fmt: skip
         lane = under_way.lanes.pop(number)
         seconds = lane.before + under_way.lap()

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.runs._built import build
+from cooperative.runs._lanes import lanes_of
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._sampling import sampling_of
@@ -157,7 +158,7 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
     """
     campaign.require()
     check_cells(campaign)
-    plan, runs = campaign.plan, _first_runs(campaign)
+    runs = _first_runs(campaign)
     if runs > MOST_RUNS:
         first = next(iter(campaign.grids))
         raise ValueError(f"the campaign asks for {runs} {first} runs, the limit is {MOST_RUNS:.0e}: give fewer samples")
@@ -180,10 +181,9 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
                 f"{size.work:.1e} with {size.passes:.3g} averages in each; the limit is {MOST_WORK:.0e}: give "
                 "larger cells and spacings"
             )
-    usual = 1 if jax.default_backend() == "cpu" else 64
     lanes = {
-        grid: 1 if workers > 1 else min(plan.look_ahead if grid == "refined" else plan.lanes or usual, runs)
-        for grid in sizes
+        grid: 1 if workers > 1 else min(lanes_of(campaign.plan, grid, size.particles), runs)
+        for grid, size in sizes.items()
     }
     models = sum(size.memory(lanes[grid]) for grid, size in sizes.items())
     # The controller builds both grids too, to see that they fit.

@@ -131,7 +131,12 @@ class Plan(Part):
         "How coefficients of the field are drawn.", "latin hypercube", "latin hypercube"
     )
     lanes: Count | None = key("Rough runs in one program.", 1, None, otherwise="`1` on CPU, `64` elsewhere")
-    look_ahead: Count = key("Refined runs under way at once.", 1, 1)
+    look_ahead: Count | None = key(
+        "Refined runs under way at once in one process.",
+        1,
+        None,
+        otherwise="`1` on CPU; on a GPU as many as have 680,000 particles together, up to 64",
+    )
     screening_stop: Length | None = key(
         "Displacement at which a rough run ends, since its sample has certainly failed.",
         2.0,
