@@ -7,6 +7,7 @@ branch of each particle's law.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,11 +21,12 @@ from jax import Array
 from jaxmpm._step import stepped
 from jaxmpm.run._advance import checked, running
 from jaxmpm.run._checks import check_state
+from jaxmpm.setup import follow_soil
 from jaxmpm.support import check
 from jaxmpm.support.values import by_value
 from jaxmpm.tensors import rows
 from jaxmpm.transfer import scatter_p
-from jaxmpm.types import Scene, State
+from jaxmpm.types import Scene, State, Status
 
 # Memory of reversing one step, in sizes of the state, and what friction and finite strains add, whose principal values
 # need many rotations: measured in two and three dimensions, see tests/jaxmpm/run/test_replay.py.
@@ -124,6 +126,9 @@ def replay(
     The status of a lane that breaks off shows it (see `Status`), and its derivatives have no meaning; those of other
     lanes under `jax.vmap(jax.grad(...))` are not affected. Mask after differentiating, not before.
 
+    Where soil reaches more nodes than the scene stores, the run is taken again with more, unless it is traced: within
+    jit, vmap or a derivative the lane has the status GRID_FULL, and a warning says so.
+
     It is compiled once for each number of steps and each `observe`, so give the same function at every call.
 
     Args:
@@ -157,7 +162,26 @@ def replay(
     check_state(scene, state, None)
     if state.columns is not None:
         raise ValueError("replay records no columns: give it a state without, replace(state, columns=None), or solve")
-    return _replayed(scene, state, limit, steps=steps, observe=observe, every=every, memory=float(memory))
+    while True:
+        end, seen = _replayed(scene, state, limit, steps=steps, observe=observe, every=every, memory=float(memory))
+        if scene.grid.stored is None:
+            return end, seen
+        if check.is_traced(scene, end):
+            jax.debug.callback(_warn_of_full_grid, end.status)
+            return end, seen
+        if not np.any(np.asarray((end.status == Status.GRID_FULL) & (state.status != Status.GRID_FULL))):
+            return end, seen
+        scene = follow_soil(scene, end)
+
+
+def _warn_of_full_grid(status: Array) -> None:
+    """Say so where a run that cannot be taken again has ended for want of nodes."""
+    if np.any(np.asarray(status) == Status.GRID_FULL):
+        warnings.warn(
+            "soil reaches more nodes than the scene stores, and the run stops there: give `replay` "
+            "follow_soil(scene, result.state) with the result of `solve`",
+            stacklevel=2,
+        )
 
 
 @partial(jax.jit, static_argnames=("steps", "observe", "every", "memory"))

@@ -63,7 +63,8 @@ def sensitivity(
         values, scene, state, paths=paths, objective=objective, steps=steps, memory=memory
     )
     if not check.is_traced(status) and int(status) > Status.DECIDED:
-        raise FloatingPointError(f"the run breaks off within {steps} steps ({Status(int(status)).name}): give fewer")
+        remedy = "the scene from follow_soil with the state reached" if status == Status.GRID_FULL else "fewer"
+        raise FloatingPointError(f"the run breaks off within {steps} steps ({Status(int(status)).name}): give {remedy}")
     return value, derivatives
 
 

@@ -199,6 +199,14 @@ def test_soil_that_spreads_far_gets_more_nodes_and_ends_as_on_a_grid_that_stores
     assert 0 < full.step < ended.state.step
     again, _ = mpm.replay(scene, state, int(full.step))
     close(full.displacement, again.displacement)
+    # A run that is taken again makes room too; within jit it warns, and goes no further.
+    steps = int(ended.state.step)
+    again, _ = mpm.replay(scene, state, steps)
+    close(again.displacement, ended.state.displacement)
+    assert np.array_equal(mpm.replay(scene, full, steps)[0].displacement, full.displacement)
+    with pytest.warns(UserWarning, match=r"more nodes than the scene stores.*follow_soil\(scene, result.state\)"):
+        stopped = jax.block_until_ready(jax.jit(lambda state: mpm.replay(scene, state, steps)[0])(state))
+    assert (stopped.status, stopped.step) == (mpm.Status.GRID_FULL, full.step)
     # From there a run goes on, with room for its soil, bit for bit.
     roomy = mpm.follow_soil(scene, ended.state)
     assert roomy.grid.stored > scene.grid.stored
@@ -207,6 +215,14 @@ def test_soil_that_spreads_far_gets_more_nodes_and_ends_as_on_a_grid_that_stores
 
 
 @pytest.mark.usefixtures("x64")
+@pytest.mark.filterwarnings("ignore:soil reaches more nodes")
+def test_sensitivity_asks_for_room():
+    scene, state = burst()
+    steps = int(mpm.solve(scene, state, t_end=1.5).state.step)
+    with pytest.raises(FloatingPointError, match=r"GRID_FULL\): give the scene from follow_soil"):
+        mpm.run.sensitivity(scene, state, mpm.run.objectives.log_displacement, steps=steps, parameters=["strength"])
+
+
 def test_soil_thrown_beyond_the_box_of_a_terrain_flies_on_and_ends_at_the_top_of_the_sky():
     rock = mpm.Raster(np.add.outer(60.0 - 2 * np.arange(31.0), np.zeros(21)), (0.0, 0.0), 2.0)
     crest = rock.points()[0] < 8
