@@ -39,10 +39,11 @@ MOST_WORK = 1e13
 MOST_RUNS = 10**7
 """Of samples on the rough grid, each of which is a file."""
 
-# Bytes, estimated upwards: per particle and per node while a grid is built and brought to rest, per
-# point of the box that particles are chosen from, and per particle of each further lane. With PROCESS they give 0.54
-# and 1.09 GB for the published slope's two grids in 3D; at its peak a process takes 0.50 and 0.90 (docs/clusters.md).
-PER_PARTICLE, PER_NODE, PER_POINT, PER_LANE = 600, 200, 120, 150
+# Bytes, estimated upwards: per particle and per stored node while a grid is built and brought to rest, per node that is
+# not stored, per point of the box that particles are chosen from, and per particle of each further lane. With PROCESS
+# they give 0.54 and 1.09 GB for the published slope's two grids in 3D; at its peak a process takes 0.50 and 0.90
+# (docs/clusters.md). What a node that is not stored takes is its bedrock, on a grid that its sky makes twice as high.
+PER_PARTICLE, PER_NODE, PER_POINT, PER_LANE, PER_NODE_OF_AIR = 600, 200, 120, 150, 40
 PROCESS = 5e8
 """Of one process, with JAX and its compiled programs."""
 
@@ -53,7 +54,8 @@ class GridSize:
 
     Args:
         particles: in all.
-        nodes: in all.
+        nodes: that are stored.
+        air: nodes that are not.
         points: of the box around the slope.
         steps: of a run.
         passes: filters of averaging in each step.
@@ -61,6 +63,7 @@ class GridSize:
 
     particles: float
     nodes: float
+    air: float
     points: float
     steps: float
     passes: float
@@ -72,7 +75,8 @@ class GridSize:
 
     def memory(self, lanes: int) -> float:
         """Bytes of its model and of a program with so many lanes."""
-        model = self.particles * PER_PARTICLE + self.nodes * PER_NODE + self.points * PER_POINT
+        model = self.particles * PER_PARTICLE + self.points * PER_POINT
+        model += self.nodes * PER_NODE + self.air * PER_NODE_OF_AIR
         return model + (lanes - 1) * (self.particles * PER_LANE + self.nodes * PER_NODE / 4)
 
 
@@ -106,9 +110,13 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
     dt, particle_size = float(one.numerics.time_step), math.prod(numerics.spacing)
     steps = campaign.run.last(grid) / dt if dt > 0 else math.inf
     passes = max(scene.numerics.nonlocal_passes or 0 for scene in scenes)
+    counts = [count + 3.0 for count in cells]
+    filled = ground.volume(shape) / numerics.cell**campaign.dimension
+    nodes = max(ground.estimated_nodes(scene, math.prod(counts), math.prod(counts[:-1]), filled) for scene in scenes)
     return GridSize(
         particles=ground.volume(shape) / particle_size,
-        nodes=math.prod(count + 3.0 for count in cells),
+        nodes=nodes,
+        air=math.prod(counts) - nodes,
         points=math.prod(shape.extent) / particle_size,
         steps=steps,
         passes=passes,

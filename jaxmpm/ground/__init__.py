@@ -14,7 +14,7 @@ from jaxmpm.ground._seam import Thickness
 from jaxmpm.ground._section import Section, section
 from jaxmpm.ground._slope import Slope, as_section, slope
 from jaxmpm.ground._terrain import Terrain, terrain
-from jaxmpm.setup import check_discretisation
+from jaxmpm.setup import check_discretisation, estimated_nodes
 
 __all__ = [
     "WATER_WEIGHT",
@@ -33,6 +33,7 @@ __all__ = [
     "cells",
     "check_discretisation",
     "check_ground",
+    "estimated_nodes",
     "floor",
     "layer_of",
     "read_line",

@@ -12,7 +12,7 @@ from jaxmpm.setup._discretisation import (
     check_resolved,
 )
 from jaxmpm.setup._fill import fill, ordered
-from jaxmpm.setup._follow import follow_soil, under_sky
+from jaxmpm.setup._follow import estimated_nodes, follow_soil, under_sky
 from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape, force_of_water, wave_speed, with_water_sealed
 from jaxmpm.setup._motion import pseudo_static, read_motion
@@ -41,6 +41,7 @@ __all__ = [
     "check_start",
     "column",
     "end_walls",
+    "estimated_nodes",
     "fill",
     "follow_soil",
     "force_of_water",

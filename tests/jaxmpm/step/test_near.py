@@ -15,7 +15,7 @@ import jaxmpm as mpm
 from jaxmpm.equations import closed, gaps
 from jaxmpm.grid import Grid, Wall
 from jaxmpm.run import lanes, repeat
-from jaxmpm.setup import under_sky
+from jaxmpm.setup import estimated_nodes, under_sky
 from jaxmpm.transfer import GIMP, beside, g2p, near_soil, of_all, of_stored, p2g, with_room, within_cells
 from jaxmpm.transfer._near import near_nodes
 from jaxmpm.types import Engine
@@ -314,6 +314,18 @@ def test_a_box_of_mostly_air_follows_its_soil_and_others_store_all():
 
     assert "jaxmpm_near" in program(mpm.follow_soil(full))
     assert "jaxmpm_near" not in program(full)
+
+
+def test_the_nodes_of_a_terrain_are_known_before_it_is_built():
+    rock = mpm.Raster(np.tile(-0.55 * np.arange(0.0, 41.0, 2.0)[:, None], (1, 9)), (0.0, 0.0), 2.0)
+    shape = mpm.Terrain(replace(rock, heights=rock.heights + 1.0), base=-90.0, bedrock=rock)
+    scene, _ = mpm.terrain(shape, CLAY, mpm.Discretisation(1.0, (0.5,) * 3), at_rest=False, speed=20.0)
+    counts = [count + 3 for count in mpm.ground.cells(shape, mpm.Discretisation(1.0, (0.5,) * 3))]
+    asked = math.prod(counts), math.prod(counts[:-1]), mpm.ground.volume(shape)
+    assert 1 <= estimated_nodes(scene, *asked) / scene.grid.stored < 1.3
+    tied = replace(scene, numerics=replace(scene.numerics, bridging=True))
+    assert estimated_nodes(tied, *asked) == asked[0]
+    assert estimated_nodes(scene, 4000, 100, 10) == 4000
 
 
 @pytest.mark.parametrize("choice", [{"internal_length": 1.5}, {"bridging": True}])
