@@ -1,12 +1,16 @@
 """Lanes over several devices give the results of one device, bit for bit; a machine with one pays nothing."""
 
+import ast
 import os
+import socket
 import subprocess
 import sys
 
 import jax
+import numpy as np
 import pytest
 
+import jaxmpm as mpm
 from jaxmpm.run._devices import mesh_of
 
 CHILD = """
@@ -39,6 +43,39 @@ def test_lanes_over_devices_equal_those_of_one():
     assert ended.returncode == 0, ended.stderr[-2000:]
     assert ended.stdout == "equal True\n"
     assert "donated" not in ended.stderr
+
+
+PROCESS = """
+import sys
+import jax, numpy as np, jaxmpm as mpm
+jax.distributed.initialize(sys.argv[1], num_processes=2, process_id=int(sys.argv[2]))
+assert (jax.device_count(), jax.local_device_count()) == (4, 2)
+soil = mpm.Soil(young=5e6, strength=9e3)
+scene, state = mpm.column(4.0, soil, mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+strength, numbers = np.linspace(6e3, 30e3, 8), range(jax.process_index(), 8, jax.process_count())
+runs = mpm.solve_each(scene, state, {"strength": strength[list(numbers)]}, numbers=numbers, width=2, t_end=0.2)
+print({number: float(np.abs(result.state.displacement).max()) for number, result in runs})
+"""
+
+
+def test_processes_of_a_cluster_run_samples_of_their_own():
+    """As docs/clusters.md has them, two on this machine with two devices each."""
+    flags = {**os.environ, "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"}
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    asked = [sys.executable, "-c", PROCESS, address]
+    processes = [
+        subprocess.Popen([*asked, str(n)], env=flags, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for n in range(2)
+    ]
+    ended = [process.communicate(timeout=300) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], [error[-2000:] for _, error in ended]
+    moved = [ast.literal_eval(out.splitlines()[-1]) for out, _ in ended]  # what connects them prints lines before
+    assert [sorted(of_process) for of_process in moved] == [[0, 2, 4, 6], [1, 3, 5, 7]]
+    scene, state = mpm.column(4.0, mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5,)))
+    alone = mpm.solve_each(scene, state, {"strength": np.linspace(6e3, 30e3, 8)}, width=1, t_end=0.2)
+    assert {n: float(np.abs(r.state.displacement).max()) for n, r in alone} == moved[0] | moved[1]
 
 
 @pytest.mark.skipif(jax.local_device_count() > 1, reason="this machine has several devices")
