@@ -17,8 +17,13 @@ from jaxmpm.setup._fill import box_particles
 from jaxmpm.setup._initial_stress import settled
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
-from jaxmpm.support.tracing import array
+from jaxmpm.support.tracing import array, require_known
 from jaxmpm.types import Boundary, Loads, Scene, State
+
+REMEDY = (
+    "differentiate by gravity with `replace(scene, loads=...)`, by velocity with `replace(state, velocity=...)`, by "
+    "soil and walls with `with_soil`"
+)
 
 
 def column(
@@ -46,6 +51,7 @@ def column(
     """
     d, cell = len(discretisation.spacing), discretisation.cell
     check_discretisation(discretisation, d)
+    require_known({"height": height, "gravity": gravity}, REMEDY)
     check.positive("height", height, "m")
     check.not_negative("gravity", gravity, "m/s2")
     check.multiple("height", height, "the spacing along the height", discretisation.spacing[-1])
@@ -86,6 +92,7 @@ def bar(
         ValueError: If sizes and numbers do not fit each other.
     """
     check_discretisation(discretisation, 1)
+    require_known({"length": length, "velocity": velocity}, REMEDY)
     check.positive("length", length, "m")
     check.multiple("length", length, "the spacing", discretisation.spacing[0])
     check.finite("velocity", velocity, "m/s")
@@ -144,7 +151,9 @@ def block(
     check_discretisation(discretisation, d)
     zero = (0.0,) * d
     velocity, gravity = (zero if vector is None else vector for vector in (velocity, gravity))
-    for name, values in (("domain", domain), ("corner", corner), ("velocity", velocity), ("gravity", gravity)):
+    shaping = {"domain": domain, "corner": corner, "velocity": velocity, "gravity": gravity}
+    require_known({"size": size, "friction": friction, "cohesion": cohesion, "speed": speed, **shaping}, REMEDY)
+    for name, values in shaping.items():
         check.axes(name, values, d)
     check.positive("size", size, "m")
     check.not_negative("corner", corner, "m")

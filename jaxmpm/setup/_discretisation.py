@@ -13,6 +13,7 @@ from jax.typing import DTypeLike
 from jaxmpm.protocols import Kernel
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.tracing import require_known
 from jaxmpm.support.values import by_value
 from jaxmpm.transfer import GIMP, QuadraticBSpline, length_of_band
 from jaxmpm.types import Scheme
@@ -157,6 +158,10 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
     Raises:
         ValueError: If a choice is invalid, or two do not go together.
     """
+    require_known(
+        {"discretisation": discretisation},
+        "differentiate by flip, damping and time step with `replace(scene, numerics=...)`",
+    )
     check.positive("cell", discretisation.cell, "m")
     check.axes("spacing", discretisation.spacing, dimension)
     check.positive("spacing", discretisation.spacing, "m")

@@ -202,6 +202,18 @@ SHAPES = {
     "surface of shape is traced": lambda x: mpm.section(
         mpm.Section([(0, x), (6, x), (10, 2), (20, 2)]), SOIL, mpm.Discretisation(2.0, (1.0, 1.0))
     ),
+    "height is traced": lambda x: mpm.column(x, SOIL, grid()),
+    "length is traced": lambda x: mpm.bar(x, SOIL, grid(1), velocity=0.1),
+    "velocity is traced": lambda x: mpm.block((2.0, 2.0), SOIL, grid(), domain=(8, 8), corner=(0, 0), velocity=(x, 0)),
+    "friction is traced": lambda x: mpm.block(
+        (2.0, 2.0), SOIL, grid(), domain=(8, 8), corner=(0, 0), walls="friction", friction=x
+    ),
+    **{
+        f"{name} of discretisation is traced": lambda x, name=name: mpm.column(
+            4.0, SOIL, replace(grid(), **{name: (x, x) if name == "spacing" else x})
+        )
+        for name in ("cell", "spacing", "cfl", "flip", "pic_damping", "damping", "air")
+    },
 }
 
 
