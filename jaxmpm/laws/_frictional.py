@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxmpm.grid import Particles
@@ -115,6 +116,14 @@ class DruckerPrager(Law):
     matching: Matching = field(default=Matching.PLANE_STRAIN, metadata={"static": True})
     gap_memory: bool = field(default=True, metadata={"static": True})
 
+    def stands_to(self, slope: float) -> Array | None:
+        """Reduction factor at which soil without cohesion stands no more on a plane of a slope (rise over run).
+
+        None with cohesion, and of a cone that meets the pyramid elsewhere than in plane strain.
+        """
+        alike = self.matching is Matching.PLANE_STRAIN
+        return None if not alike or np.any(self.cohesion) else jnp.tan(self.friction) / slope
+
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""
         return None if self.softening is None else zeros_like(particles.mass)
@@ -183,6 +192,10 @@ class MohrCoulomb(Law):
     softening: FrictionalSoftening | None = None
     tension_cutoff: Array | None = None
     gap_memory: bool = field(default=True, metadata={"static": True})
+
+    def stands_to(self, slope: float) -> Array | None:
+        """Reduction factor at which soil without cohesion stands no more on a plane of a slope (rise over run)."""
+        return None if np.any(self.cohesion) else jnp.tan(self.friction) / slope
 
     def initial_history(self, particles: Particles) -> Array | None:
         """Plastic strain (N,) of 0; None without softening."""

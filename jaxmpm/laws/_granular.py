@@ -69,6 +69,14 @@ class MuI(Law):
         """Largest mean stress, 0 (Pa)."""
         return 0.0
 
+    def stands_to(self, slope: float) -> Array:
+        """Reduction factor at which grains stand no more on a plane of a slope (rise over run).
+
+        They flow in plane strain, with p across it, whatever the stress along the plane is, where mu_s is less than the
+        sine of its angle (Rankine). A flow along it, in which p is normal to it, rests where mu_s exceeds the tangent.
+        """
+        return jnp.tan(self.static_friction) * math.hypot(1, slope) / slope
+
     def update(
         self, strain_increment: Tensor, stress: Tensor, history: None, dt: Array | None = None
     ) -> tuple[Tensor, None]:

@@ -15,6 +15,7 @@ from jax import Array
 
 from jaxmpm import diagnostics
 from jaxmpm.laws import Saturated, declared, drained, laws_of, stiffened, weakens_until
+from jaxmpm.protocols import Material
 from jaxmpm.run._early import elastic_period
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._stopping import Exceeds, farthest
@@ -118,21 +119,70 @@ def least_failing_volume(height: float, dimension: int) -> float:
 
 def _softens(scene: Scene) -> bool:
     """Whether soil or an interface softens, or has a memory and no method `stiffened`."""
-    laws = [law.law if isinstance(law, Saturated) else law for law in laws_of(scene.material)]
-    soil = any(law.initial_history(scene.particles) is not None and not hasattr(law, "stiffened") for law in laws)
+    soil = any(
+        law.initial_history(scene.particles) is not None and not hasattr(law, "stiffened") for law in _skeletons(scene)
+    )
     return soil or scene.boundary.softening is not None
+
+
+def _skeletons(scene: Scene) -> list[Material]:
+    """The laws of all zones, of soil with a B-value that of its skeleton."""
+    return [law.law if isinstance(law, Saturated) else law for law in laws_of(scene.material)]
 
 
 def heights(scene: Scene) -> tuple[float, float]:
     """Height of the ground above its lowest soil, and the relief of its surface, or else that height (m)."""
-    position = np.asarray(scene.particles.position, float)
-    z, cell = position[-1], scene.grid.cell
-    columns = np.unique(np.floor(position[:-1] / cell).astype(int), axis=1, return_inverse=True)[1].ravel()
-    top = np.full(columns.max() + 1, -np.inf)
-    np.maximum.at(top, columns, z)
-    particle = float(np.mean(np.asarray(scene.particles.volume, float))) ** (1 / len(position))
-    height, relief = float(np.ptp(z)) + particle, float(np.ptp(top))
+    z, cell = np.asarray(scene.particles.position[-1], float), scene.grid.cell
+    height, relief = float(np.ptp(z)) + _edge(scene), float(np.ptp(_tops(scene, cell)[1]))
     return height, relief if relief > cell else height
+
+
+def _edge(scene: Scene) -> float:
+    """Edge of a cube, in a section a square, as large as the mean particle (m)."""
+    return float(np.mean(np.asarray(scene.particles.volume, float))) ** (1 / scene.grid.dimension)
+
+
+def _tops(scene: Scene, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of soil of a width (m): their places (d - 1, K), in widths, and their highest particles (K,) m."""
+    position = np.asarray(scene.particles.position, float)
+    columns, owner = np.unique(np.floor(position[:-1] / width).astype(int), axis=1, return_inverse=True)
+    top = np.full(columns.shape[1], -np.inf)
+    np.maximum.at(top, owner.ravel(), position[-1])
+    return columns, top
+
+
+def stands_to(scene: Scene) -> float:
+    """Factor at which soil stands no more on a plane through its surface, inf where some of it has cohesion.
+
+    The plane falls by half of the relief or more, less one particle. Beyond the factor what lies on it slides whatever
+    the stress along it is (Taylor 1948, Fundamentals of Soil Mechanics, Section 16.9). Water lowers the factor further.
+
+    Args:
+        scene: at the start.
+
+    Returns:
+        Factor.
+    """
+    slope = _steepest(scene)
+    factors = [law.stands_to(slope) if hasattr(law, "stands_to") and slope else None for law in _skeletons(scene)]
+    known = [float(np.max(factor)) for factor in factors if factor is not None]
+    return max(known) if len(known) == len(factors) else math.inf
+
+
+def _steepest(scene: Scene) -> float:
+    """Slope of the steepest plane through two points of the surface, to the level that gravity has (rise over run)."""
+    edge, (*pushes, down), steepest = _edge(scene), np.asarray(scene.loads.gravity, float).tolist(), 0.0
+    columns, top = _tops(scene, edge)
+    for axis, push in enumerate(pushes):
+        lines = np.unique(np.delete(columns, axis, axis=0), axis=1, return_inverse=True)[1].ravel()
+        for line in range(lines.max() + 1):
+            x, z = columns[axis, lines == line] * edge, top[lines == line]
+            run, rise = np.subtract.outer(x, x), np.subtract.outer(z, z)
+            falls = (run != 0) & (rise >= np.ptp(z) / 2)
+            run, rise = -run[falls], np.maximum(rise[falls] - edge, 0)
+            along, across = push * run - down * rise, -down * abs(run) - push * np.sign(run) * rise
+            steepest = max(steepest, float(np.max(along / np.maximum(across, 1e-9), initial=0.0)))
+    return steepest
 
 
 def _gravity(scene: Scene) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +18,16 @@ from jaxmpm.laws import drained, reduce_strength
 from jaxmpm.run._advance import repeat
 from jaxmpm.run._integrate import solve
 from jaxmpm.run._lanes import varied_lanes
-from jaxmpm.run._limit_load import YOUNG, Scale, find_kink, find_start, limit_load_scene, lowest_local, moved
+from jaxmpm.run._limit_load import (
+    YOUNG,
+    Scale,
+    find_kink,
+    find_start,
+    limit_load_scene,
+    lowest_local,
+    moved,
+    stands_to,
+)
 from jaxmpm.run._stopping import Exceeds, Settle, check_duration, check_volume, farthest
 from jaxmpm.setup import WALL_STRENGTH, check_scene
 from jaxmpm.support import check
@@ -202,6 +212,18 @@ def by_limit_load(
 
     start = find_start(displacement, scale.moves, bracket, batch)
     turn = find_kink(displacement, start, resolution, scale.moves)
+    most, numerics = stands_to(scene), scene.numerics
+    if turn.stands > most:
+        raise ValueError(
+            f"the limit load at R = {turn.at:.3g} is that of a slip as thick as cells of {scene.grid.cell:g} m, but "
+            f"soil without cohesion stands on its face up to R = {most:.3g} at most: take finer cells"
+        )
+    if most < math.inf and numerics.flip is None and numerics.pic_damping is None:
+        warnings.warn(
+            f"the limit load at R = {turn.at:.3g} is in doubt: with pure FLIP soil without cohesion rings, and may "
+            "shake loose below it: compare with flip = 0.95",
+            stacklevel=3,
+        )
     rows = [(factor, *tried[factor]) for factor in sorted(tried)]
     return FactorOfSafety(
         stable=round(turn.stands, 4),

@@ -1,6 +1,7 @@
 """A factor of safety by the limit load: the stiffness it is sought at, and where displacement turns over R."""
 
 import re
+import warnings
 from dataclasses import replace
 
 import jax
@@ -11,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import jaxmpm as mpm
-from jaxmpm.run import _limit_load, limit_load_scene
-from jaxmpm.run._limit_load import Moved, Scale, find_kink, find_start, heights, lowest_local, moved
+from jaxmpm.run import _limit_load, _strength_reduction, limit_load_scene
+from jaxmpm.run._limit_load import Kink, Moved, Scale, find_kink, find_start, heights, lowest_local, moved, stands_to
 from jaxmpm.run._strength_reduction import reductions
 from tests.jaxmpm.verification.test_limits import CUT
 
@@ -317,3 +318,57 @@ def test_a_law_that_hardens_is_stiffened_and_keeps_its_strength(kind):
     after = mpm.laws.element_test(laws[0], test, pressure=50e3, strain=0.1, steps=500)
     measure = "deviatoric" if cam else "shear_stress"
     assert float(getattr(after, measure)[-1]) == pytest.approx(float(getattr(before, measure)[-1]), rel=0.01)
+
+
+GRAINS = mpm.GranularSoil(30.0, 38.0, 0.01, unit_weight=18e3)
+
+
+@given(slope=some.floats(0.2, 1.5), angle=some.floats(20.0, 40.0))
+def test_no_flow_in_plane_strain_bears_grains_on_a_plane_beyond_their_factor(slope, angle):
+    """Of all stresses along the plane one is within mu_s p below the factor, and none above."""
+    law = replace(GRAINS, static_friction=angle, dynamic_friction=angle + 5).material(jnp.float32, 1.0)
+    along = np.linspace(0.01, 10.0, 10_000)
+    pressure, shear = (1 + along) / 2, np.hypot((1 - along) / 2, slope)
+    assert np.tan(np.radians(angle)) / np.min(shear / pressure) == pytest.approx(float(law.stands_to(slope)), rel=1e-3)
+
+
+@pytest.mark.parametrize("width", [None, 2.0])
+@pytest.mark.parametrize(("run_per_rise", "cell"), [(1.0, 1.0), (1.5, 0.5), (2.0, 0.5)])
+def test_soil_without_cohesion_stands_to_the_factor_of_its_face(run_per_rise, cell, width):
+    shape = mpm.Slope(crest=4.0, height=4.0, run_per_rise=run_per_rise, toe=4.0, foundation=1.0, width=width)
+    numerics = mpm.Discretisation(cell, (cell / 2,) * (2 if width is None else 3))
+    factors = {"sand": 1.0, "grains": np.hypot(1, 1 / run_per_rise)}  # 1 / tan and 1 / sin of the slope
+    for soil, kind in ((mpm.FrictionalSoil(0.0, 30.0, unusual=True), "sand"), (GRAINS, "grains")):
+        exact = np.tan(np.radians(30)) * run_per_rise * factors[kind]
+        most = stands_to(mpm.slope(shape, soil, numerics, at_rest=False)[0])
+        assert exact < most < exact / (1 - cell / 2 / 4.0) * 1.01
+    assert stands_to(mpm.slope(shape, mpm.FrictionalSoil(1e2, 30.0), numerics, at_rest=False)[0]) == np.inf
+
+
+@pytest.mark.parametrize("facing", [1, -1])
+def test_the_face_is_that_to_the_level_of_gravity_and_level_ground_has_none(facing):
+    numerics, sand = mpm.Discretisation(0.5, (0.25, 0.25)), mpm.FrictionalSoil(0.0, 30.0, unusual=True)
+    face = [(0, 5), (4, 5), (8, 1), (12, 1)]
+    drawn = mpm.Section([(facing * x, z) for x, z in face][::facing])
+    scene, _ = mpm.section(drawn, sand, numerics, k_h=0.2, at_rest=False)
+    exact = np.tan(np.radians(30)) / np.tan(np.pi / 4 + np.arctan(0.2))
+    assert exact < stands_to(scene) < 1.12 * exact
+    level, _ = mpm.section(ENDLESS, sand, numerics, at_rest=False)
+    assert stands_to(level) == np.inf
+    tilted, _ = mpm.section(ENDLESS, sand, numerics, k_h=TILT, ends="tied", speed=3.0, at_rest=False)
+    assert stands_to(tilted) == pytest.approx(np.tan(np.radians(30)) / TILT, rel=1e-5)
+
+
+@pytest.mark.parametrize(("at", "flip"), [(1.2, 0.95), (0.5, 1.0), (0.5, 0.95)])
+def test_a_limit_load_that_no_stress_bears_is_refused_and_one_of_pure_flip_in_doubt(at, flip, monkeypatch):
+    scene, state = mpm.slope(SLOPE, GRAINS, replace(COARSE, flip=flip), at_rest=False)
+    monkeypatch.setattr(_strength_reduction, "find_start", lambda *_: at)
+    monkeypatch.setattr(_strength_reduction, "find_kink", lambda *_: Kink(at, at - 0.01, at + 0.01, 80.0))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        if at > 1:
+            with pytest.raises(ValueError, match=r"R = 1.2 is that of .* cells of 1 m.* up to R = 0.877 at most"):
+                mpm.factor_of_safety(scene, state, criterion="limit load")
+        else:
+            assert mpm.factor_of_safety(scene, state, criterion="limit load").kink == at
+    assert ["compare with flip = 0.95" in str(each.message) for each in said] == [True] * (flip == 1.0)
