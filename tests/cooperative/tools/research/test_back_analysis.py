@@ -1,5 +1,6 @@
 """Back-analysis and design points on a small slope: what made a slide is recovered, as far as the data determine it."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -10,8 +11,8 @@ import pytest
 import jaxmpm as mpm
 from cooperative import runs
 from cooperative.scene import parse
-from cooperative.tools.research.back_analysis import Observed, Parameters, Survey, predict, recover
-from cooperative.tools.research.rare import design_point, slide_limit_state
+from cooperative.tools.research.back_analysis import LOG_DEVIATION, Observed, Parameters, Survey, predict, recover
+from cooperative.tools.research.rare import FLOOR, Search, design_point, slide_limit_state
 from tests.cooperative.campaign.test_campaign import TINY, changed
 from tests.differences import check_derivatives
 from tests.scenes import model_of
@@ -118,6 +119,7 @@ SOILS = {
     "Cam Clay": mpm.CamClaySoil(0.1, 0.02, 1.0, largest_pressure=100e3),
     "anisotropic": mpm.AnisotropicSoil(4e3, 3e3, 2e3, young=5e6),
     "mu(I)": mpm.GranularSoil(20.0, 30.0, 1e-2, young=1e6),
+    "B-value": mpm.FrictionalSoil(1e3, 25.0, young=5e6, b_value=0.9),
 }
 STEPS = 25
 
@@ -154,7 +156,8 @@ def sliding(kind):
     """A slope of a soil, or on a contact, whose strength falls to a quarter of what it came to rest with."""
     contact = mpm.Interface(friction=20.0, cohesion=500.0) if kind == "contact" else None
     drawn = mpm.Section([(0, 4.5), (3, 4.5), (6, 1.5), (9, 1.5)], interface=contact)
-    scene, state = mpm.section(drawn, SOILS.get(kind, mpm.Soil(strength=20e3, young=5e6)), MESH)
+    water = 3.0 if kind == "B-value" else None
+    scene, state = mpm.section(drawn, SOILS.get(kind, mpm.Soil(strength=20e3, young=5e6)), MESH, water=water)
     return mpm.reduced(scene, 4.0), state
 
 
@@ -182,6 +185,59 @@ def test_back_analysis_and_limit_states_take_every_law_and_contact(kind):
         np.array([limit_state(np.array([0.5, -0.5]) + h)[0] for h in s * 1e-4 * np.eye(2)]) for s in (1, -1)
     )
     np.testing.assert_allclose(gradient, (ahead - behind) / 2e-4, rtol=1e-3, atol=1e-5 * abs(gradient).max())
+
+
+OF_LAW = {
+    "Cam Clay": "critical_state",
+    "anisotropic": "simple_strength",
+    "mu(I)": "static_friction",
+    "B-value": "friction",
+}
+TRUTH = -0.15
+"""Logarithm of the factor on a law's strength that runs are made with."""
+
+
+@pytest.mark.usefixtures("x64")
+# Each compiles the reverse of a run twice, for half a minute.
+@pytest.mark.parametrize("kind", ["mu(I)", *(pytest.param(k, marks=pytest.mark.slow) for k in OF_LAW if k != "mu(I)")])
+def test_the_design_point_and_the_recovery_of_a_law_are_those_of_forward_runs(kind):
+    """The limit is the slide of a run with a factor, which both have to find. Two coefficients make the factor."""
+    scene, state = sliding(kind)
+    number, dt = mpm.laws.declared(scene.material)[OF_LAW[kind]], float(scene.numerics.time_step)
+    survey = Survey(STEPS * dt, 5, np.array([3, 7]), np.array([2.0, 5.0]), width=1.0)
+    share = np.array([0.6, 0.8])
+
+    def ran(log_factor):
+        varied, at = mpm.with_soil(scene, state, **{number.path: number.value * np.exp(log_factor)})
+        varied, histories = replace(varied, numerics=scene.numerics), []
+        for _ in range(survey.times):
+            at = mpm.advance(varied, at, STEPS // survey.times)
+            histories.append(at.displacement[:, survey.markers])
+        return at, Observed(
+            mpm.objectives.column_height(scene, at, survey.stations, survey.width), jnp.stack(histories)
+        )
+
+    final, observed = ran(TRUTH)
+    displacement = FLOOR * float(jnp.exp(mpm.objectives.log_displacement(final, FLOOR)))
+    limit_state = slide_limit_state(
+        scene,
+        state,
+        lambda z: {number.path: number.value * jnp.exp(0.1 * (share @ z))},
+        seconds=STEPS * dt,
+        displacement=displacement,
+    )
+    point = design_point(limit_state, 2, Search(tolerance=1e-4))
+    assert point.converged
+    np.testing.assert_allclose(point.coefficients, 10 * TRUTH * share, rtol=1e-3)
+
+    noise = 0.02 * float(jnp.max(abs(observed.histories)))
+    found = recover(scene, state, survey, observed, noise, names=[OF_LAW[kind]], iterations=8)
+    near = [np.concatenate([np.ravel(leaf) for leaf in ran(TRUTH + h)[1].__dict__.values()]) for h in (-1e-4, 1e-4)]
+    precision = np.sum(((near[1] - near[0]) / 2e-4 / noise) ** 2) + 1 / LOG_DEVIATION**2
+    # The prior draws the answer towards 0 by its share of what is known.
+    expected = TRUTH * (1 - 1 / LOG_DEVIATION**2 / precision)
+    assert float(found.parameters.factors[OF_LAW[kind]]) == pytest.approx(expected, rel=0.02)
+    assert float(found.deviation.factors[OF_LAW[kind]]) == pytest.approx(precision**-0.5, rel=0.02)
 
 
 @pytest.mark.slow
