@@ -40,7 +40,7 @@ RESULTS = {
     "many of other samples, of [the study](published-study.md)",
     "paper": "P_f 0.282 (0.244 to 0.382), from 750 rough and 100 refined runs of [the study](published-study.md); "
     "0.244 printed",
-    "section_sweep": "P_f 0.20, 0.37, 0.55 at cov 0.2, 0.3, 0.4; 0.37 to 0.42 over lx: [figures](report.md#sweeps)",
+    "section_sweep": "P_f 0.20, 0.37, 0.55 at cov 0.2, 0.3, 0.4; 0.37 to 0.42 over lx: [figures](campaigns.md#sweeps)",
     "paper_sweep": "P_f rises with ly, as printed; with lx it rises on the rough grid, and the refined runs leave it "
     "open: [the study](published-study.md)",
     "cho": "P_f 0.085 (0.068 to 0.156); 0.065 to 0.079 printed",
@@ -49,7 +49,7 @@ RESULTS = {
     "griffiths_fenton": "P_f 0.287 (0.256 to 0.386); 0.290 by the closed form with the factor computed here, 1.298 for "
     "the median soil",
     "what_if": "P_f 0.29 (0.19 to 0.48); 0.29 less (0.15 to 0.43) with the berm, 0.36 more (0.13 to 0.58) at k_h 0.03: "
-    "[curves](report.md#sweeps)",
+    "[curves](campaigns.md#sweeps)",
     "embankment": "P_f 0.418 (0.297 to 0.619); all failures deep, run-out 13 m",
     "storm": "P_f 0.35 (0.12 to 0.64) by the end of the rain, 0.03 (0 to 0.48) by 24 h: [in "
     "time](seepage.md#probability-of-failure-against-time)",

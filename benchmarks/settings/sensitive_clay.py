@@ -3,7 +3,7 @@
 The slope of `benchmarks.sites.sites_retrogression` under water, by numbers that were measured elsewhere, none fitted: a
 strength that grows with the rate of strain, and remoulding over a strain of 10 (Einav and Randolph 2005,
 10.1002/nme.1350), and Bingham's viscosity: 2.5 Pa s are at the clay's liquid limit, where a power law through what was
-measured ends (docs/settings.md). 400 Pa s is about what the artificial viscosity of smoothed particles acts as
+measured ends (docs/soils.md). 400 Pa s is about what the artificial viscosity of smoothed particles acts as
 (Monaghan 2005, 10.1088/0034-4885/68/8/R01). `runout_m` is where a tenth of the height of the deposit is left,
 `runout_foremost_m` its foremost soil; of a slope that stands both are 0. Rows that have been made stay in
 out/sensitive_clay.

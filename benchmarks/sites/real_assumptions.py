@@ -2,7 +2,7 @@
 
 Each assumption is a change of keys of the slide's scene, in benchmarks/scenes/real/assumptions.json; null leaves a key
 out. The spread of Sainte-Monique stands with its median soil, so that its strength is multiplied by 0.65 in all its
-rows. The viscosities are those of docs/settings.md (Locat and Demers 1988, Canadian Geotechnical Journal 25, 799-806).
+rows. The viscosities are those of docs/soils.md (Locat and Demers 1988, Canadian Geotechnical Journal 25, 799-806).
 A row has the quantities of `benchmarks.sites.real_surveys` in m and m2, none where the soil stands or its run broke
 off. `--quick` runs the first assumption of the spread alone.
 """

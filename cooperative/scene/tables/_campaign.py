@@ -188,7 +188,7 @@ class PlanAndEstimator(Plan):
         otherwise='not used; `"published"`: none, give it',
     )  # fmt: skip
     estimator: Annotated[str, one_of({name: name for name in ESTIMATORS})] = key(
-        "Method of estimating the failure probability, see [estimators](report.md#estimators).",
+        "Method of estimating the failure probability, see [estimators](campaigns.md#estimators).",
         "two-phase",
         "two-phase",
     )
@@ -199,7 +199,7 @@ class PlanAndEstimator(Plan):
     target_cov: Annotated[float, Within(Limit(above=0, below=1))] | None = key(
         "Coefficient of variation of the estimate at which to stop. It allows for failures that may hide among low "
         "ranks, which takes 30 to 60 % more runs, see "
-        "[when it stops](report.md#what-the-controller-does-and-when-it-stops).",
+        "[when it stops](campaigns.md#what-the-controller-does-and-when-it-stops).",
         0.2,
         None,
         otherwise="none",

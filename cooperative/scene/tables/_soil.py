@@ -91,7 +91,7 @@ class SoilTable(Part):
 
     law: Annotated[type, one_of(LAWS)] | None = key(
         'Constitutive law. Undrained soil has a `strength`; `"mohr-coulomb"` and `"drucker-prager"` have `cohesion` '
-        "and `friction`; the others have the keys that name them, see [laws](settings.md#laws-of-a-scene).",
+        "and `friction`; the others have the keys that name them, see [laws](soils.md#laws-of-a-scene).",
         "modified cam clay",
         None,
         otherwise='`"undrained"` with a strength, `"mohr-coulomb"` with cohesion and friction',
