@@ -18,7 +18,7 @@ def test_readme_opens_with_its_two_commands():
 
 
 def test_readme_is_short():
-    assert docs.words("README.md") <= 750
+    assert docs.words("README.md") <= 700
     assert len(README.splitlines()) <= 110
 
 
