@@ -156,12 +156,30 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
         dimension: number of axes.
 
     Raises:
-        ValueError: If a choice is invalid, or two do not go together.
+        Faults: All choices that are invalid, or do not go together.
     """
     require_known(
         {"discretisation": discretisation},
         "differentiate by flip, damping and time step with `replace(scene, numerics=...)`",
     )
+    gathered = check.Gathered()
+    with gathered.of():
+        _check_cells(discretisation, dimension)
+    with gathered.of():
+        _check_kernel(discretisation)
+    with gathered.of():
+        _check_scheme(discretisation)
+    with gathered.of():
+        _check_pic(discretisation)
+    with gathered.of():
+        check.not_negative("damping", discretisation.damping, "1/s")
+    with gathered.of():
+        if discretisation.air is not None:
+            check.positive("air", discretisation.air, "m")
+    gathered.raise_all()
+
+
+def _check_cells(discretisation: Discretisation, dimension: int) -> None:
     check.positive("cell", discretisation.cell, "m")
     check.axes("spacing", discretisation.spacing, dimension)
     check.positive("spacing", discretisation.spacing, "m")
@@ -170,12 +188,18 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
         raise ValueError(
             f"spacing = {wide[0]:g} m leaves gaps in cells of {discretisation.cell:g} m: give at most the cell"
         )
+
+
+def _check_kernel(discretisation: Discretisation) -> None:
     if not isinstance(discretisation.kernel, type) or not hasattr(discretisation.kernel, "of_spacing"):
         raise ValueError(
             f"kernel = {discretisation.kernel!r}: give GIMP, Linear, QuadraticBSpline or a class with `of_spacing`"
         )
     if discretisation.apic and (discretisation.kernel is not QuadraticBSpline or discretisation.flip != 0):
         raise ValueError("apic = True: give kernel = QuadraticBSpline and flip = 0 with it")
+
+
+def _check_scheme(discretisation: Discretisation) -> None:
     if not isinstance(discretisation.scheme, Scheme):
         raise ValueError(f"scheme = {discretisation.scheme!r}: give a member of Scheme")
     check.between("cfl", discretisation.cfl, 0.0, 1.0)
@@ -184,6 +208,9 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
             f"cfl = {discretisation.cfl:g} with scheme = USL, which is stable up to {USL_CFL:g}: give at most that, or "
             "take MUSL"
         )
+
+
+def _check_pic(discretisation: Discretisation) -> None:
     check.between("flip", discretisation.flip, 0.0, 1.0, ends=True)
     check.not_negative("pic_damping", discretisation.pic_damping, "1/s")
     if discretisation.pic_damping and discretisation.flip != 1:
@@ -197,6 +224,3 @@ def check_discretisation(discretisation: Discretisation, dimension: int) -> None
             f"xpic = {discretisation.xpic} filters the share of PIC: give flip below 1 or pic_damping with it, "
             "and no apic"
         )
-    check.not_negative("damping", discretisation.damping, "1/s")
-    if discretisation.air is not None:
-        check.positive("air", discretisation.air, "m")

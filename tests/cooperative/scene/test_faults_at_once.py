@@ -72,6 +72,25 @@ def test_faults_of_all_stages_are_named_together_and_no_others(names, tmp_path):
     assert len(faults) == len(expected)
 
 
+OF_A_GRID = {
+    "a stable step": ({"scheme": "usl", "cfl": 0.9}, "stable up to 0.72"),
+    "one share of PIC": ({"flip": 0.5, "pic_damping": 1.0}, "both set the share of PIC"),
+    "what APIC needs": ({"apic": True}, "give kernel = QuadraticBSpline"),
+    "particles without gaps": ({"spacing": [9.0, 9.0]}, "leaves gaps"),
+}
+
+
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(names=st.sets(st.sampled_from([*OF_A_GRID]), min_size=2))
+def test_rules_of_a_grids_keys_are_named_together(names, tmp_path):
+    tables = tomllib.loads(LAYERED)
+    for name in names:
+        tables["rough"] |= OF_A_GRID[name][0]
+    (tmp_path / "scene.toml").write_text(to_toml(tables))
+    faults = [fault for fault in faults_of(tmp_path / "scene.toml") if fault.startswith("[rough]")]
+    assert all(any(OF_A_GRID[name][1] in fault for fault in faults) for name in names)
+
+
 def test_twenty_faults_are_printed_by_table_and_the_others_counted(tmp_path, capsys):
     tables = tomllib.loads(LAYERED)
     for number in range(15):
