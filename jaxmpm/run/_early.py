@@ -28,8 +28,8 @@ class Early(Rule):
     Rates are those over windows of one look, or of as many as half of the slowest elastic oscillation takes. A lane
     fails once the rate of plastic strain exceeds `growth` times the least one so far. It stands once that rate is at
     most `decay` of the one in the window before: -l is less steep than ln(decay) per window. The largest displacement
-    must not grow faster than that either, so that a part of a wide slope counts as well, or than `decay`^2 of its
-    fastest growth, below which it oscillates.
+    must not grow faster than that either, so that a part of a wide slope counts as well, or than `decay` squared of
+    its fastest growth, below which it oscillates.
 
     Args:
         horizon: time (s) by which a lane that speeds up has to pass the displacement that decides its class. Its
