@@ -91,7 +91,7 @@ def slid(campaign: Campaign, grid: str) -> dict[str, float | str]:
     # The top row of particles behind the crest, from there backwards.
     top = np.flatnonzero((position[0] < CREST) & (position[1] > HEIGHT - cell / 2))
     onset = motion.onset[top[np.argsort(-position[0, top])]]
-    gone = motion.moved >= LETS_GO
+    gone = np.asarray(motion.moved) >= LETS_GO
     rear = float(position[0, gone].min()) - cell / 4 if gone.any() else CREST
     behind = TOE - rear if gone.any() else 0.0  # run-outs are from where the slide ends, of one that stands 0
     x = (position + distance)[0]
