@@ -280,6 +280,9 @@ def test_bad_strata_and_trends():
 def test_exact_lattice_and_noise():
     with pytest.raises(ValueError, match=r"noise = nan at"):
         kl.field.exact_field(kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),)), jnp.ones(3) * NAN)
+    hat = kl.axis.Corrected(kl.Triangular(4.0), jnp.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    with pytest.raises(ValueError, match=r"not positive definite on the lattice \(smallest eigenvalue -2\.81e-01\)"):
+        kl.field.exact_lattice((hat,), (np.array([0.0, 2.0, 4.0]),))
     with pytest.raises(ValueError, match="1 covariances for 2 axes"):
         kl.field.exact_lattice((SE(1.0),), (np.arange(3.0),) * 2)
     with pytest.raises(ValueError, match=r"noise of shape \(4,\): give \(3,\)"):

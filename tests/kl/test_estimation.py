@@ -6,7 +6,9 @@ from scipy import stats
 
 import kl
 from kl.estimation import fit_field, predicted
+from kl.estimation._fit import _anchored
 from kl.estimation._likelihood import cells
+from kl.estimation._model import Model
 
 DEPTH = np.arange(0.25, 12, 0.6)
 
@@ -184,3 +186,17 @@ def test_values_on_a_line_over_depth_have_no_scatter():
     for marginal in (kl.Lognormal, kl.Normal):
         with pytest.raises(ValueError, match="about a line over depth"):
             fit_field(points, 35e3 + 1286 * points[1], depth=-points[1], marginal=marginal)
+
+
+def test_depths_that_are_all_alike_are_refused():
+    points, values = _site(np.random.default_rng(7), (0.0, 9.0))
+    with pytest.raises(ValueError, match="one depth, which shows no trend"):
+        fit_field(points, values, depth=np.full(values.size, 3.0))
+
+
+@pytest.mark.parametrize("rate", [-1.0, 1.0])
+def test_a_trend_takes_the_mean_to_a_tenth_of_that_in_the_middle_at_least(rate):
+    depth = np.linspace(1, 7, 20)
+    values = np.exp(rate * depth + 0.1 * np.random.default_rng(5).standard_normal(20))
+    model = _anchored(Model(np.stack([np.zeros(20), -depth]), depth, values, kl.Lognormal, kl.Exponential))
+    assert model.grown(np.array([0.0, 7.0])).min() == pytest.approx(0.1)

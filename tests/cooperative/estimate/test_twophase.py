@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import norm
+from scipy.stats import kurtosis, norm
 
 from cooperative.estimate import (
     AuditPlan,
@@ -108,6 +108,18 @@ def test_the_ordered_estimate_is_exactly_unbiased(outcome):
     # The spread of two draws is a rough estimate of the variance, of the right size on average.
     truth = square - expectation**2
     assert 0.5 * truth - 1e-12 <= variance <= 1.5 * truth + 1e-12
+
+
+@pytest.mark.parametrize("failed", [1, 2, 10])
+def test_draws_count_by_the_kurtosis_of_their_outcomes(failed):
+    # Of very many samples one draw hardly changes the rest: each draw's total is its own outcome.
+    even, outcome = np.full(10**5, 1e-5), np.zeros(10**5)
+    outcome[:failed] = 1
+    wave = audit_module.Wave(np.arange(20), even[:20], even, np.full(10**5, 0.1))
+    result = audit_total(
+        [wave], outcome, np.zeros(0, int), weight=even, model=wave.model, draw_weight=np.full(20, 1 / 20)
+    )
+    assert result.effective_draws == pytest.approx(20 / kurtosis(outcome[:20], fisher=False), rel=1e-3)
 
 
 def test_all_samples_known_gives_the_exact_share():
