@@ -85,7 +85,7 @@ def subset_simulation(rough: Callable[[np.ndarray], np.ndarray], modes: int, pla
         plan: levels, chains and replicates.
 
     Raises:
-        ValueError: a plan that leaves fewer than 2 chains, or a share or correlation outside (0, 1).
+        ValueError: a plan that leaves fewer than 2 chains, a share outside (0, 1), or a correlation outside [0, 1).
     """
     chains = round(plan.per_level * plan.level_probability)
     if not (0 < plan.level_probability < 1 and 0 <= plan.correlation < 1):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from benchmarks.statistics import estimators_means as means
 from cooperative.estimate import exceedance, mean_interval, mean_of, monte_carlo
-from cooperative.estimate._means import _of_ratio
+from cooperative.estimate._means import _of_ratio, _share_limits
 
 positive = st.lists(st.tuples(st.floats(0.1, 50.0), st.floats(0.01, 1.0)), min_size=3, max_size=30).map(np.array)
 
@@ -34,6 +35,24 @@ def test_equal_weights_give_the_jackknifes_variance():
     # Student's t of some twenty degrees of freedom.
     quantile = np.log(high / low) / 2 * values.mean() / np.sqrt(jackknife * 40 / 39)
     assert 2.02 < quantile < 2.3
+
+
+@pytest.mark.parametrize(("low", "high"), [(1, 9), (4, 6), (8, 2)])
+def test_even_slides_have_students_t_of_their_number_over_the_kurtosis(low, high):
+    values = np.array([1.0] * low + [3.0] * high)
+    freedom = 10 / stats.kurtosis(values, fisher=False) - 1
+    deviation = np.sqrt(10) / 9 * values.std() / values.mean()
+    limits = values.mean() * np.exp(np.array([-1, 1]) * stats.t.ppf(0.975, max(freedom, 3.0)) * deviation)
+    assert mean_interval(values, np.ones(10)) == pytest.approx(limits)
+
+
+@pytest.mark.parametrize("does", [1, 3, 9])
+def test_a_share_of_even_slides_has_one_degree_of_freedom_less_than_slides(does):
+    share = does / 10
+    _, low, _ = _share_limits(np.full(10, 0.1), np.arange(10)[:, None] < does, 0.95)
+    # Wilson's equation at the lower limit: the variance there, as large for 10 slides as residuals over 1 - 1 / 10 say.
+    distance = (share - low[0]) / np.sqrt(low[0] * (1 - low[0]) * 10 / 81)
+    assert distance == pytest.approx(stats.t.ppf(0.975, 9))
 
 
 @pytest.mark.parametrize("failures", [6, 12])

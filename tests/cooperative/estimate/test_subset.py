@@ -157,6 +157,14 @@ def test_subset_simulation_takes_runs_that_broke_off_for_the_largest():
     assert result.weight.sum() == pytest.approx(1.0)
 
 
+def test_chains_without_correlation_draw_anew():
+    # A chain takes what lies in the top tenth, evenly by probability.
+    plan = SubsetPlan(per_level=1000, levels=1, correlation=0.0)
+    result = subset_simulation(lambda xi: xi[:, 0], 1, plan)
+    taken = result.coefficients[result.number % (plan.rough_runs // plan.replicates) >= plan.per_level, 0]
+    assert norm.sf(np.quantile(taken, [0.25, 0.5, 0.75])) == pytest.approx([0.075, 0.05, 0.025], abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("plan", "match"),
     [
