@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom, binomtest
+from scipy.stats import binom, binomtest, lognorm
 
 from cooperative.estimate import exact_limit, published, wilson_interval
-from cooperative.estimate._estimates import RARE, count_interval, with_variance
+from cooperative.estimate._estimates import RARE, count_interval, lognormal_limits, with_variance
 
 
 @given(st.integers(1, 2000), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))
@@ -56,6 +56,14 @@ def test_limits_of_few_counts_are_exact(samples, share):
         assert high == wilson_interval(failures, samples)[1]
     elif failures >= RARE <= samples - failures:
         assert (low, high) == wilson_interval(failures, samples)
+
+
+@pytest.mark.parametrize("cov", [0.1, 0.5, 2.0])
+def test_limits_of_a_lognormal_estimate_miss_its_mean_equally_often_on_both_sides(cov):
+    spread = np.sqrt(np.log1p(cov**2))
+    estimate = lognorm(spread, scale=3.0 * np.exp(-(spread**2) / 2))
+    (lowest, _), (_, highest) = (lognormal_limits(estimate.ppf(p), cov, np.inf, 0.9) for p in (0.95, 0.05))
+    assert (lowest, highest) == pytest.approx((estimate.mean(), 3.0))
 
 
 def test_few_failures_seen_leave_as_much_open_as_so_many_counted():
