@@ -116,6 +116,14 @@ def test_what_gave_no_answer_may_have_failed():
     assert even_limit(chance, 5000, unknown=4970, level=0.95) == pytest.approx(exact_limit(30), rel=1e-6)
 
 
+def test_what_ran_for_certain_without_an_answer_opens_itself_alone():
+    population, answers, plan = campaign(200, 43, False)
+    broken = replace(population, rough_displacement=np.append(np.full(3, np.nan), population.rough_displacement[3:]))
+    lost = answers | dict.fromkeys(range(3), None)
+    before, after = (two_phase(broken, each, plan).interval[1] for each in (answers, lost))
+    assert before < after < before + 2 * 3 / 200
+
+
 @pytest.mark.parametrize(("coarse", "rough", "runs"), [(2000, 200, 40), (300, 60, 60)])
 def test_samples_that_stand_for_zones_leave_as_much_open_as_their_heaviest(coarse, rough, runs):
     generator = np.random.default_rng(0)
