@@ -165,6 +165,17 @@ def test_periodic_axis_has_its_own_correlation(x64, family):
     assert float(wrapped(jnp.array(0.3))) == pytest.approx(float(wrapped(jnp.array(period - 0.3))), abs=1e-9)
 
 
+@pytest.mark.parametrize("energy", [0.9, 0.99])
+def test_a_periodic_axis_takes_the_fewest_waves_that_hold_the_energy(energy):
+    wrapped = kl.axis.Periodic(kl.SquaredExponential(2.0), 10.0)
+    fractions = np.asarray(kl.expand((wrapped,), (0.0,), (10.0,), energy=energy).fractions)
+    # Each wave has a sine and a cosine of its spectral density over the period.
+    waves = 2 * np.pi * np.array([0, *np.repeat(np.arange(1, 20), 2)]) / 10.0
+    exact = np.asarray(wrapped.spectral_density(waves)) / 10.0
+    np.testing.assert_allclose(fractions, exact[: fractions.size], rtol=1e-4)
+    assert fractions.sum() >= energy > exact[: fractions.size - 2].sum()
+
+
 def test_infinite_length_is_constant_along_its_axis():
     expansion = kl.expand((SMOOTH, kl.Infinite()), (0.0, 0.0), (8.0, 5.0))
     field = kl.field_on_lattice(expansion, jnp.ones(expansion.modes), (jnp.linspace(0, 8, 5), jnp.linspace(0, 5, 4)))

@@ -154,6 +154,8 @@ def test_empirical_marginal_reproduces_its_data():
     probability = (np.arange(200) + 0.5) / 200
     np.testing.assert_allclose(marginal.transform(jnp.asarray(stats.norm.ppf(probability))), np.sort(data), rtol=1e-4)
     assert float(marginal.transform(jnp.array(9.0))) == pytest.approx(float(data.max()))
+    scores = jnp.linspace(-2.5, 2.5, 11)
+    np.testing.assert_allclose(marginal.standardise(marginal.transform(scores)), scores, atol=1e-3)
 
 
 def test_trend_of_the_mean_as_an_array():
