@@ -366,7 +366,7 @@ class Campaign(Part):
 
     @property
     def least_volume(self) -> str | None:
-        """The same with its unit, in words."""
+        """`failing_volume` with its unit, in words."""
         volume, unit = self.failing_volume, "m3" if self.dimension == 3 else "m2"
         return None if volume is None else f"{volume:g} {unit}"
 
