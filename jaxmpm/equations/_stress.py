@@ -84,15 +84,17 @@ def update_stress(scene: Scene, state: State, gradient: Array, dt: Array, maps: 
         scene, state, tensors.entries(gradient), dt, maps
     )
     inputs = strained.strain, strained.stress, state.history, dt
-    gap, volume_ratio = state.gap, strained.volume_ratio
+    gap, received, volume_ratio = state.gap, None, strained.volume_ratio
     if gap is not None and scene.numerics.gap_average:
         # As the strain is: otherwise loose sand lies for ever beside sand that bears its weight. Clay loses energy.
         # The volume follows: soil that bore pressure in a volume with a gap would be too stiff for its mass.
         averaged = maps.cell_average(gap, scene.particles.volume * state.volume_ratio)
         averaged = jnp.where(frictional(scene.material), averaged, gap)
-        gap, volume_ratio = averaged, volume_ratio * jnp.exp(averaged - gap)
+        received = averaged - gap
+        gap, volume_ratio = averaged, volume_ratio * jnp.exp(received)
     law = at_time(scene.material, (state.step + 1) * dt)
-    stress, history, gap = update_with_gap(law, *inputs, gap=gap, logarithmic=scene.numerics.finite_strain)
+    logarithmic = scene.numerics.finite_strain
+    stress, history, gap = update_with_gap(law, *inputs, gap=gap, received=received, logarithmic=logarithmic)
     unaveraged = state.unaveraged
     if scene.numerics.nonlocal_passes is not None:
         # The next step's transfers average it: transfers of its own would cost a fifth of a step.

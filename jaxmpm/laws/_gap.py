@@ -37,6 +37,7 @@ def update_with_gap(
     dt: Array | None,
     *,
     gap: Array | None,
+    received: Array | None = None,
     logarithmic: bool = False,
 ) -> tuple[Tensor, History, Array | None]:
     """Stress, history and gap after a strain increment.
@@ -54,6 +55,8 @@ def update_with_gap(
         dt: duration of the increment (s).
         gap: (N,) growth in volume, as a logarithm, that the tension cutoff has left without stress; None without
             memory.
+        received: (N,) growth in volume, as a logarithm, that the soil has of the gaps of its neighbours and no strain
+            shows, to which water in its voids yields; None for none.
         logarithmic: whether the trace of the strain is the logarithm of the volume's growth, else its increase.
 
     Returns:

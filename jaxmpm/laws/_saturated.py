@@ -294,6 +294,7 @@ def _(
     dt: Array | None,
     *,
     gap: Array | None,
+    received: Array | None = None,
     logarithmic: bool = False,
 ) -> tuple[Tensor, Sealed, Array | None]:
     effective = with_mean(stress, mean(stress) + law.excess_pressure(history))
@@ -301,7 +302,8 @@ def _(
         law.law, strain, effective, history.strain, dt, gap=gap, logarithmic=logarithmic
     )
     increase = 3 * mean(strain)
-    history = Sealed(skeleton, history.growth + (increase if logarithmic else jnp.log1p(increase)))
+    growth = history.growth + (increase if logarithmic else jnp.log1p(increase))
+    history = Sealed(skeleton, growth if received is None else growth + received)
     return with_mean(effective, mean(effective) - law.excess_pressure(history)), history, gap
 
 

@@ -255,6 +255,7 @@ def _(
     dt: Array | None,
     *,
     gap: Array | None,
+    received: Array | None = None,
     logarithmic: bool = False,
 ) -> tuple[Tensor, History, Array | None]:
     present = [k for k in range(6) if not (absent(strain[k]) and absent(stress[k]))]
@@ -269,6 +270,7 @@ def _(
             before,
             dt,
             gap=opened if remembers_gap(part) else None,
+            received=_of_zone(received, span),
             logarithmic=logarithmic,
         )
         # All components of a zone at once: XLA on CPU takes ten times as long to concatenate them one by one.
