@@ -72,7 +72,7 @@ def follow_sparse_soil(scene: Scene) -> Scene:
     if check.is_traced(particles) or not can_follow(scene):
         return scene
     # It reaches a node for each cell that it fills, at the least.
-    if not _sparse(grid.nodes, float(np.sum(particles.volume)) / grid.cell**grid.dimension):
+    if not _sparse(grid.nodes, np.sum(np.asarray(particles.volume)) / grid.cell**grid.dimension):
         return scene
     following = follow_soil(scene)
     return following if _sparse(grid.nodes, (following.grid.stored or grid.nodes) / SPARE) else scene

@@ -60,7 +60,7 @@ def test_a_campaign_whose_rough_runs_broke_off_has_a_way_out(tmp_path, capsys, m
         (SCENE, -1, "refined_runs = -1: the campaign allows 15 already, give more"),
         (SCENE, 99999999999999999999, "refined_runs = 99999999999999999999: give at most 2,147,483,647"),
         (SCENE, 2**31, "refined_runs = 2147483648: give at most 2,147,483,647"),
-        (TINY, 20, "estimator 'published' has no number of runs to raise"),
+        (TINY, 20, "refined_runs = 20 while the rule of estimator 'published' alone decides when to stop"),
     ],
 )
 def test_a_budget_that_is_none_is_refused_before_anything_is_written(scene, runs, message, tmp_path):
