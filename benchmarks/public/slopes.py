@@ -115,7 +115,7 @@ def _top(shape: Any, at: list[float]) -> list[tuple[float, float]]:
 
 def by_limit_load(strata: Strata, cell: float, lam: float, weight: float) -> float:
     """Factor of safety by the limit load on cells of this size (m)."""
-    numerics = mpm.Discretisation(cell, (cell / 2,) * 2, flip=0.99)
+    numerics = mpm.Discretisation(cell, (cell / 2,) * 2, flip=0.95)
     scene, state = mpm.section(strata.section, strata.layers(lam, weight), numerics)
     answer = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(0.8, 1.3), resolution=0.01, batch=6)
     assert answer.kink is not None
