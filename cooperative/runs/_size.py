@@ -28,6 +28,7 @@ from jaxmpm import Material, Scene, State, Status, advance, block, ground
 from jaxmpm.laws import declared
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
+from jaxmpm.support.check import about
 from jaxmpm.support.values import by_value
 
 MOST_STEPS = 10**7
@@ -148,9 +149,8 @@ def _refused_at_the_ends(alone: Callable[[AnySoil], Scene], soil: AnySoil) -> No
     try:
         alone(soil)
     except ValueError as error:
-        raise ValueError(
-            f"soil {TAIL:g} deviations from the middle of what varies there is {error}; or give a smaller cov"
-        ) from error
+        where = f"soil {TAIL:g} deviations from the middle of what varies, less far with a smaller cov"
+        raise about(where, error) from error
 
 
 def check_size(campaign: Campaign, workers: int = 1) -> None:

@@ -474,7 +474,8 @@ def _check_run(campaign: Campaign) -> None:
         raise Invalid(("failure",), "'limit load'", rule, "take a displacement")
     if campaign.shaking is not None and (duration := float(campaign.shaking.duration)) > run.t_end * (1 + 1e-6):
         rule = f"lasts {duration:g} s, beyond t_end = {run.t_end:g} s at which runs end"
-        raise Invalid(("the motion of the base",), None, rule, f"give t_end = {duration:g} or more, or cut the record")
+        remedy = f"give t_end = {duration:g} or more, or cut the record"
+        raise Invalid(("the motion of the base",), None, rule, remedy, beside=("t_end",))
     starts = [name for name in campaign.random if name in ("young", "poisson", *WEIGHTS)]
     starts += [] if campaign.site.level is None else ["water level"]
     if campaign.site.ends == "free field" and starts:
@@ -503,7 +504,8 @@ def _check_fields(campaign: Campaign) -> None:
     for name, varies in campaign.varying.items():
         if len(varies.length) != dimension:
             rule = f"has a length of {len(varies.length)} values"
-            gathered.faults.append(Invalid((name,), None, rule, f"give {dimension}, one per axis"))
+            remedy = f"give {dimension}, one per axis"
+            gathered.faults.append(Invalid((name,), None, rule, remedy, beside=("length",)))
     gathered.raise_all()
     if campaign.cross_correlation is not None:
         with gathered.of():
@@ -517,13 +519,14 @@ def _check_sizes_of_cells(campaign: Campaign) -> None:
     plan = campaign.plan
     if (campaign.coarse is None) != (plan.rough_samples is None):
         has, lacks = ("a coarse grid", "rough_samples")[:: 1 if campaign.coarse else -1]
-        raise Invalid(("the campaign",), None, f"has {has} without {lacks}", "give both, or neither")
+        beside = ("coarse", "rough_samples")
+        raise Invalid(("the campaign",), None, f"has {has} without {lacks}", "give both, or neither", beside=beside)
     if campaign.rank == "slices" and campaign.dimension == 3:
         raise Invalid(("coarse",), "'slices'", "is for sections, not for ground in 3D", "give a coarse grid")
     for (wide, large), (fine, small) in pairwise((name, grid.cell) for name, grid in campaign.grids.items()):
         if small > large or (wide == "coarse" and small == large):
             rule = f"has cells of {large:g} m, the {fine} one of {small:g} m"
-            raise Invalid((f"the {wide} grid",), None, rule, f"give [{wide}] larger cells")
+            raise Invalid((f"the {wide} grid",), None, rule, f"give [{wide}] larger cells", beside=("cell",))
 
 
 def check_moving(campaign: Campaign) -> None:
@@ -614,7 +617,8 @@ def _check_fields_of(campaign: Campaign, number: int, layer: SiteLayer) -> None:
     for name, varies in varying.items():
         if len(varies.length) != campaign.dimension:
             rule = f"has a length of {len(varies.length)} values"
-            raise Invalid((f"{layer.label}: {name}",), None, rule, f"give {campaign.dimension}, one per axis")
+            remedy = f"give {campaign.dimension}, one per axis"
+            raise Invalid((f"{layer.label}: {name}",), None, rule, remedy, beside=("length",))
     if campaign.cross_correlation is None:
         return
     together = campaign.cross_correlation.parameters
@@ -696,4 +700,5 @@ def check_failure(campaign: Campaign) -> None:
         return  # not known yet
     if plan.screening_stop is not None and plan.screening_stop < run.failure_displacement:
         rule = f"is below the failure displacement of {run.failure_displacement:g} m"
-        raise Invalid(("screening_stop",), f"{plan.screening_stop:g} m", rule, "give more, or leave it out")
+        value, remedy = f"{plan.screening_stop:g} m", "give more, or leave it out"
+        raise Invalid(("screening_stop",), value, rule, remedy, beside=("failure_displacement",))

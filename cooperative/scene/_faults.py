@@ -5,7 +5,6 @@ What depends on a value that will not do cannot be checked. The rest of the scen
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
@@ -25,6 +24,8 @@ from jaxmpm.support.check import Faults, faults_of
 ROUNDS = 4
 """Times that a scene is read again with examples in place of what will not do."""
 UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+Way = tuple[str, ...]
+"""Names of tables and the key in the last of them."""
 
 
 def check_scene(path: Path, then: Callable[[Campaign], None], *, outside: bool = False) -> list[Campaign]:
@@ -39,7 +40,8 @@ def check_scene(path: Path, then: Callable[[Campaign], None], *, outside: bool =
         The campaign, of a sweep all.
 
     Raises:
-        Faults: all that is wrong. Faults that may come of an example are left out: those that name its key.
+        Faults: all that is wrong. Faults that may come of an example are left out: those of its key or its table, and
+            those whose rule compares a value with its own.
     """
 
     def checked(source: Source, *, further: bool = True) -> list[Campaign]:
@@ -52,19 +54,19 @@ def check_scene(path: Path, then: Callable[[Campaign], None], *, outside: bool =
         return checked(read_scene(path, outside=outside))
     except Faults as error:
         faults = list(error.errors)
-    scene, replaced, unusual = _tables(path), set[str](), False
+    scene, replaced, unusual = _tables(path), set[Way](), False
     for _ in range(ROUNDS):
-        if scene is None or not (names := _with_examples(scene)):
-            if scene is None or not (names := _on_purpose(scene, faults)):
+        if scene is None or not (ways := _with_examples(scene)):
+            if scene is None or not (ways := _on_purpose(scene, faults)):
                 break
             unusual = True  # the size of a campaign then follows from a number that is not meant
-        replaced |= names
+        replaced |= ways
         try:
             checked(with_files(to_toml(scene), path.parent, outside=outside), further=not unusual)
         except (ValueError, OSError) as error:
             more = faults_of(error) if isinstance(error, ValueError) else ()
             messages = {str(fault) for fault in faults}
-            faults += [fault for fault in more if str(fault) not in messages and not _speaks_of(fault, replaced)]
+            faults += [fault for fault in more if str(fault) not in messages and not _may_come_of(replaced, fault)]
     raise Faults(faults)
 
 
@@ -74,51 +76,55 @@ def _tables(path: Path) -> dict[str, object] | None:
     return None if "files" in read else read
 
 
-def _speaks_of(fault: ValueError, keys: set[str]) -> bool:
-    """Whether a fault is of one of the keys, or compares a value with theirs."""
-    if not keys.isdisjoint(getattr(fault, "path", ())):
-        return True
-    words = set(re.findall(r"\w+", str(fault)))
-    return not words.isdisjoint({*keys, *(f"{key}s" for key in keys)})
+def _may_come_of(replaced: set[Way], fault: ValueError) -> bool:
+    """Whether a fault is of a replaced value or of a table with one, or compares a value with one, or is not known."""
+    path, beside = _names(getattr(fault, "path", ())), getattr(fault, "beside", ())
+    keys = {way[-1] for way in replaced}
+    return any(way[: len(path)] == path for way in replaced) or not keys.isdisjoint((*path, *beside))
 
 
-def _on_purpose(scene: dict[str, object], faults: Sequence[ValueError]) -> set[str]:
+def _names(path: Sequence[str | int]) -> Way:
+    return tuple(part for part in path if isinstance(part, str))
+
+
+def _on_purpose(scene: dict[str, object], faults: Sequence[ValueError]) -> set[Way]:
     """Let the soil of a scene be unusual, where a number of it is.
 
-    scene: its tables, which change. Returns the keys of these numbers; none where nothing changes.
+    scene: its tables, which change. Returns the ways to these numbers; none where nothing changes.
     """
     soil = scene.get("soil")
     unusual = [fault for fault in faults if isinstance(fault, Unusual)]
     if not unusual or not isinstance(soil, dict) or soil.get("unusual"):
         return set()
     soil["unusual"] = True
-    return {part for fault in unusual for part in fault.path[-1:] if isinstance(part, str)}
+    return {way for fault in unusual if (way := _names(fault.path))}
 
 
-def _with_examples(scene: dict[str, object]) -> set[str]:
+def _with_examples(scene: dict[str, object]) -> set[Way]:
     """Put an example in the place of each value that its key cannot have, and leave out keys that are not known.
 
     scene: its tables, which change.
 
     Returns:
-        The keys; none where no value is at fault, or one is that no example can replace.
+        The ways to these keys; none where no value is at fault, or one is that no example can replace.
     """
     try:
         TypeAdapter(tables.SceneTable).validate_python(scene)
     except ValidationError as error:
         found = [_replaced(scene, fault) for fault in error.errors(include_url=False)]
-        return set() if None in found else {key for key in found if key is not None}
+        return set() if None in found else {way for way in found if way is not None}
     return set()
 
 
-def _replaced(scene: dict[str, object], fault: ErrorDetails) -> str | None:
+def _replaced(scene: dict[str, object], fault: ErrorDetails) -> Way | None:
     """Mend one fault of a scene's tables.
 
     Returns:
-        The key at fault; None where there is no example for it.
+        The way to the key at fault; None where there is no example for it.
     """
     kind: type[tables.Part] | None = tables.SceneTable
     at: object = scene
+    way: Way = ()
     for part, following in _steps(fault["loc"]):
         if isinstance(at, Sequence) and not isinstance(at, str) and isinstance(part, int):
             at = at[part]
@@ -129,8 +135,9 @@ def _replaced(scene: dict[str, object], fault: ErrorDetails) -> str | None:
         if field is None:
             if fault["type"] in UNKNOWN and not following:
                 at.pop(part, None)
-                return part
+                return (*way, part)
             continue  # determines which of the types of a union it is
+        way = (*way, part)
         inner = tables.table_in(field)
         if inner is not None and isinstance(at.get(part), Mapping | list) and following:
             at, kind = at[part], inner
@@ -141,7 +148,7 @@ def _replaced(scene: dict[str, object], fault: ErrorDetails) -> str | None:
             at[part] = example
         else:
             return None
-        return part
+        return way
     return None
 
 

@@ -18,7 +18,7 @@ from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.seepage import AtSide, Cells, Flow, Heads, PressureInTime, PressureTable, Problem, Retention
 from jaxmpm.soil import STANDARD_GRAVITY, AnySoil
 from jaxmpm.support import check
-from jaxmpm.support.check import Invalid
+from jaxmpm.support.check import Invalid, about
 from jaxmpm.support.text import shown
 
 if TYPE_CHECKING:
@@ -217,7 +217,7 @@ def _retention(tables: tuple[Hydraulics, ...], where: str) -> Retention:
                 soil = seepage.van_genuchten(**{"air_entry": entry, **numbers})
             return jax.tree.map(lambda value: np.asarray(value, float), soil)
         except ValueError as error:
-            raise Invalid((), None, f"[{where}] of the flow", f"{error}; or give soil_class") from error
+            raise about(f"[{where}] of the flow, to which soil_class gives all numbers", error) from error
 
 
 def _conductivities(campaign: Campaign) -> tuple[RandomField | float, ...]:

@@ -229,11 +229,11 @@ def of_words(words: object, what: str) -> Any:
         return {name: of_words(item, what) for name, item in words.items()}
     offered = _offered().get(named)
     if offered is None:
-        raise ValueError(f"{what} holds {short(str(named), 200)}, which this version does not have")
+        raise Invalid((), what, f"holds {short(str(named), 200)}, which this version does not have", "")
     if "class" not in words:
         return offered
     if isinstance(offered, type) and issubclass(offered, enum.Enum):
         return offered[words["member"]]
     if not dataclasses.is_dataclass(offered):
-        raise ValueError(f"{what} holds {short(str(named), 200)}, which holds nothing")
+        raise Invalid((), what, f"holds {short(str(named), 200)}, which holds nothing", "")
     return offered(**{name: of_words(item, what) for name, item in words.items() if name != "class"})

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxmpm.support.check import Invalid
 from jaxmpm.support.table import LENGTHS, measured, number, plain_unit, read_table
 from jaxmpm.support.text import shown
 
@@ -57,10 +58,10 @@ def in_unit(where: str, unit: str | None, units: Mapping[str, float], usual: str
         ValueError: If it has no unit and needs one, or one that is not known.
     """
     if unit is None and usual is None:
-        raise ValueError(f"{where} has no unit: give one of {_known(units)}")
+        raise Invalid((), where, "has no unit", f"give one of {_known(units)}")
     plain = plain_unit(usual if unit is None else unit)  # type: ignore[arg-type]
     if plain not in units:
-        raise ValueError(f"{where} is in {shown(unit)}, which is no unit known here: give one of {_known(units)}")
+        raise Invalid((), where, f"is in {shown(unit)}, which is no unit known here", f"give one of {_known(units)}")
     return units[plain]
 
 
@@ -82,7 +83,7 @@ def quantity(where: str, value: str | float, units: Mapping[str, float]) -> floa
         return float(value)
     match = _QUANTITY.fullmatch(value)
     if match is None:
-        raise ValueError(f"{where} = {shown(value)}: give a number and its unit, of {_known(units)}")
+        raise Invalid((), f"{where} = {shown(value)}", "", f"give a number and its unit, of {_known(units)}")
     return float(match[1]) * in_unit(f"{where} = {shown(value)}", match[2], units)
 
 

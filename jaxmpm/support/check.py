@@ -36,14 +36,16 @@ class Invalid(ValueError):
         rule: that it breaks, as the message goes on after the value.
         remedy: what to do, nothing where the rule says it.
         subject: what the path leads to, in words; None for the path itself.
+        beside: keys of other values that the rule compares this one with.
     """
 
     def __init__(
-        self, path: Sequence[str | int], value: str | None, rule: str, remedy: str, subject: str | None = None
-    ) -> None:
-        super().__init__(path, value, rule, remedy, subject)
+        self, path: Sequence[str | int], value: str | None, rule: str, remedy: str, subject: str | None = None,
+        beside: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        super().__init__(path, value, rule, remedy, subject, beside)
         self.path, self.value, self.rule, self.remedy = tuple(path), value, rule, remedy
-        self.subject = subject
+        self.subject, self.beside = subject, tuple(beside)
 
     def within(self, *path: str | int) -> Self:
         """The same, from a place further out.
@@ -51,7 +53,7 @@ class Invalid(ValueError):
         Args:
             *path: keys and positions that lead from there to here.
         """
-        return type(self)((*path, *self.path), self.value, self.rule, self.remedy)
+        return type(self)((*path, *self.path), self.value, self.rule, self.remedy, None, self.beside)
 
     def named(self, subject: str) -> Self:
         """The same, with words for what the path leads to.
@@ -59,7 +61,7 @@ class Invalid(ValueError):
         Args:
             subject: these words.
         """
-        return type(self)(self.path, self.value, self.rule, self.remedy, subject)
+        return type(self)(self.path, self.value, self.rule, self.remedy, subject, self.beside)
 
     def __str__(self) -> str:
         subject = ".".join(map(str, self.path)) if self.subject is None else self.subject

@@ -228,7 +228,7 @@ def _wrong(entry: _Entry, error: ErrorDetails) -> ValueError:
     if kind == "value_error":
         broken: ValueError = error["ctx"]["error"]
         if isinstance(broken, Invalid) and broken.subject is None:
-            return Invalid(entry.place, broken.value, broken.rule, broken.remedy, subject)
+            return Invalid(entry.place, broken.value, broken.rule, broken.remedy, subject, broken.beside)
         return about(subject, broken, *entry.place) if entry.key else broken
     if kind in NO_TABLE:
         rule, remedy, subject = f"is {_kind(value)}", f"make it a table, {entry.section}", entry.whole

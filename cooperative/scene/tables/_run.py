@@ -107,6 +107,7 @@ class Run(Part):
             raise Invalid(
                 ("slides_t_end",), f"{self.slides_t_end:g} s",
                 f"is before t_end = {self.t_end:g} s, up to which all runs go", "give at least that, or leave it out",
+                beside=("t_end",),
             )  # fmt: skip
         return self
 

@@ -62,8 +62,8 @@ def _read(value: object, of: str, what: str) -> float:
     units = {"m": LENGTHS, "s": seepage.TIMES, "m/s": seepage.RATES}[of]
     try:
         return seepage.quantity("", value, units)
-    except ValueError as error:
-        raise Invalid((), shown(value), "", f"give {what}; {str(error).partition(': ')[2]}") from error
+    except Invalid as error:
+        raise Invalid((), shown(value), "", f"give {what}; {error.remedy}") from error
 
 
 def _within(value: object, number: float, limit: Limit, remedy: str) -> float:

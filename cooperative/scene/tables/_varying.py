@@ -342,7 +342,7 @@ class RandomField(Part):
                 ("trend",), f"{self.trend:g}",
                 f"per metre brings the mean of {self.mean:g} to {self.mean * self.grown(depth):.3g} at a depth of "
                 f"{depth:g} m",
-                "give a smaller one",
+                "give a smaller one", beside=("mean",),
             )  # fmt: skip
         for value in self.extremes(span):
             if not limit.holds(value):
@@ -382,7 +382,7 @@ class RandomField(Part):
             if error > 2 * value:
                 raise Invalid(
                     (f"{name}_error",), f"{error:g}", f"exceeds twice the {name} of {value:g}",
-                    "give the standard error in the same unit, or measure more",
+                    "give the standard error in the same unit, or measure more", beside=(name,),
                 )  # fmt: skip
 
     @property

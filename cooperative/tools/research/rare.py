@@ -77,6 +77,10 @@ class DesignPoint:
     gradients: int
 
 
+class NotRare(ValueError):
+    """The slope of the median field fails."""
+
+
 def design_point(
     limit_state: Callable[[np.ndarray], tuple[float, np.ndarray]],
     modes: int,
@@ -104,7 +108,7 @@ def design_point(
         raise ValueError(f"start has shape {at.shape}: give {modes} finite coefficients")
     scale = float(limit_state(np.zeros(modes))[0])
     if scale <= 0:
-        raise ValueError(
+        raise NotRare(
             f"the limit state is {scale:.3g} at the origin, the median field: it fails too often to be called rare"
         )
     value, gradient = _checked(limit_state, at)
@@ -163,24 +167,23 @@ def design_points(
     found: list[DesignPoint] = []
     directions = np.random.default_rng(seed).standard_normal((starts, modes))
     waiting: list[np.ndarray | None] = [None, *(direction / np.linalg.norm(direction) for direction in directions)]
-    reason = f"no search of {starts + 1} converges: give more starts, or a longer search"
+    reason = ValueError(f"no search of {starts + 1} converges: give more starts, or a longer search")
     while waiting:
         start = waiting.pop(0)
         distance = min((point.beta for point in found), default=1.0)
         try:
             point = design_point(limit_state, modes, search, start=None if start is None else distance * start)
+        except NotRare:
+            raise
         except ValueError as error:
-            # Elsewhere than at the origin a search may come where the measure is flat.
-            if "too often" in str(error):
-                raise
-            reason = str(error)
+            reason = error  # elsewhere than at the origin a search may come where the measure is flat
             continue
         towards = point.coefficients / max(point.beta, 1e-12)
         if point.converged and all(towards @ other.coefficients < ALIKE * other.beta for other in found):
             found.append(point)
             waiting.append(-towards)
     if not found:
-        raise ValueError(reason)
+        raise reason
     return tuple(sorted(found, key=lambda point: point.beta))
 
 

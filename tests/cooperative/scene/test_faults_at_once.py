@@ -72,6 +72,17 @@ def test_faults_of_all_stages_are_named_together_and_no_others(names, tmp_path):
     assert len(faults) == len(expected)
 
 
+def test_a_fault_that_may_come_of_an_example_is_left_out(tmp_path):
+    tables = tomllib.loads(LAYERED)
+    tables["run"] |= {"t_end": -5.0, "slides_t_end": 10.0}  # later than any t_end that will do, or not
+    tables["strength"]["length"] = [60.0]
+    (tmp_path / "scene.toml").write_text(to_toml(tables))
+    assert [fault.partition(" = -5")[0] for fault in faults_of(tmp_path / "scene.toml")] == [
+        "[run] t_end",
+        "[strength] has a length of 1 values: give 2, one per axis",
+    ]
+
+
 OF_A_GRID = {
     "a stable step": ({"scheme": "usl", "cfl": 0.9}, "stable up to 0.72"),
     "one share of PIC": ({"flip": 0.5, "pic_damping": 1.0}, "both set the share of PIC"),
