@@ -21,7 +21,7 @@ from cooperative.scene import Campaign, RandomField
 from cooperative.store import FinishedRun, own_folder
 from jaxmpm import Scene, State, solve_each, write_vtkhdf
 from jaxmpm.laws import declared
-from jaxmpm.run import Midway
+from jaxmpm.run import Hooks, Midway
 from jaxmpm.support import check
 
 if TYPE_CHECKING:
@@ -131,8 +131,8 @@ def slide(
 
     name, parameter = next(iter(declared(scene.material).items()))
     ((_, result),) = solve_each(
-        scene, state, {name: [parameter.value]}, width=1, t_end=run.t_end, rules=campaign.rules(),
-        slides_end=model.slides_end, observe=report_moment,
+        scene, state, {name: [parameter.value]}, width=1, t_end=model.t_end, rules=campaign.rules(),
+        hooks=Hooks(observe=report_moment),
     )  # fmt: skip
     kept[float(result.state.step) * float(result.time_step)] = result.state
     motion = past if grid in campaign.modes else None

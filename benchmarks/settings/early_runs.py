@@ -18,7 +18,7 @@ from benchmarks.csv_rows import ENDED, Parser, appending, number, read_rows, who
 from benchmarks.measure import ROOT, scene_campaign
 from cooperative import runs
 from jaxmpm import Scene, State, Status, solve_each
-from jaxmpm.run import Early, Midway
+from jaxmpm.run import Early, Hooks, Midway
 from jaxmpm.run._early import START, measures
 from jaxmpm.run._stopping import farthest
 
@@ -136,10 +136,10 @@ def _rows(case: Case, numbers: list[int]) -> Iterator[tuple[object, ...]]:
         model.scene, Early(run.t_end, run.failure_displacement), run.failure_displacement, campaign.failing_volume
     )
     strengths = (model.varied(jnp.asarray(coefficients[sample]))["strength"] for sample in numbers)
-    rules = [rule for rule in campaign.rules(run.failure_displacement) if not isinstance(rule, Early)]
+    rules = replace(campaign, run=replace(run, early=False)).rules(run.failure_displacement)
     for sample, result in solve_each(
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=run.t_end, rules=rules,
-        observe=watched.observe,
+        hooks=Hooks(observe=watched.observe),
     ):  # fmt: skip
         displacement = float(farthest(model.scene, result.state, None, campaign.failing_volume))
         steps, status = int(result.state.step), Status(int(result.status)).name

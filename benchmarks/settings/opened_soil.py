@@ -28,7 +28,7 @@ from cooperative.measure import SEVERITY, ReleaseHistory
 from cooperative.runs import GridModel
 from cooperative.store import FinishedRun
 from jaxmpm import Result, State, Status, solve_each
-from jaxmpm.run import Midway, Rule
+from jaxmpm.run import Hooks, Midway, Rule
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
@@ -161,7 +161,9 @@ def followed(
         look(seconds, midway.state)
 
     own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
-    ((_, result),) = solve_each(model.scene, model.state, own, width=1, t_end=t_end, rules=rules, observe=observe)
+    ((_, result),) = solve_each(
+        model.scene, model.state, own, width=1, t_end=t_end, rules=rules, hooks=Hooks(observe=observe)
+    )
     return result, past
 
 
@@ -176,7 +178,7 @@ def run_watched(model: GridModel, sample: int) -> tuple[FinishedRun, str]:
         if state.gap is not None:
             widest = np.maximum(widest, np.asarray(state.gap, float))
 
-    result, past = followed(model, coefficients, run.t_end, run.settles, look)
+    result, past = followed(model, coefficients, run.t_end, run.rules(), look)
     answer = runs.finished(model, sample, coefficients, result, 0.0, past)
     if result.state.gap is None:
         return answer, ""

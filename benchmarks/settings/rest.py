@@ -85,7 +85,10 @@ def _rows(name: str, case: Case, with_rule: set[int], without: set[int]) -> Iter
     """Sample after sample to its end under the rule; of those that slid, once more without."""
     ruled, coefficients = prepared(case)
     campaign = ruled.campaign
-    unruled = replace(ruled, campaign=replace(campaign, run=replace(campaign.run, settle=Settle())))
+    unruled = replace(
+        ruled,
+        campaign=replace(campaign, run=replace(campaign.run, settle=Settle(least_volume=campaign.failing_volume))),
+    )
     limit = campaign.run.failure_displacement
     slid = len(with_rule)
     for sample in range(max(with_rule, default=-1) + 1, len(coefficients)):

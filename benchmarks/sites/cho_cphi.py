@@ -22,7 +22,7 @@ from cooperative.estimate import wilson_interval
 from cooperative.measure import exceeded
 from cooperative.scene import measure_limit_load
 from jaxmpm import Exceeds, Settle, Slope, solve_each
-from jaxmpm.run import Midway
+from jaxmpm.run import Hooks, Midway
 
 PATH = ROOT / "benchmarks" / "data" / "cho_cphi.csv"
 COLUMNS = {"number": whole, "displacement": size, "speeds_up": word("True", "False"), "circles": size}
@@ -151,7 +151,7 @@ def _run(model: runs.GridModel, varied: Mapping[str, Any], least: float) -> tupl
     each = {name: [value] for name, value in varied.items()}
     for _ in solve_each(
         model.scene, model.state, each, width=1, t_end=model.campaign.run.t_end, rules=[Settle(), Exceeds(BEYOND)],
-        observe=look,
+        hooks=Hooks(observe=look),
     ):  # fmt: skip
         pass
     return seen[-1], bool(speeds_up(np.array(seen)[:, None], 2)[0])

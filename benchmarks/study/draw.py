@@ -77,7 +77,7 @@ def run_again(run: Run, times: tuple[float, ...] = (2.0, 4.0, 8.0, 20.0)) -> Sli
     model, coefficients = build(campaign, run.grid, soil), coefficients_of(campaign, soil)[run.sample]
     times = tuple(dict.fromkeys(min(time, campaign.run.t_end) for time in times))
     result = solve(
-        *model.of_sample(coefficients), t_end=campaign.run.t_end, snapshots=times, rules=campaign.run.settles
+        *model.of_sample(coefficients), t_end=campaign.run.t_end, snapshots=times, rules=campaign.run.rules()
     ).raise_if_failed()
     return Slide(
         np.asarray(model.scene.particles.position),

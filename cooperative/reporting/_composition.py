@@ -24,7 +24,7 @@ from cooperative.reporting._page import page
 from cooperative.scene import campaign_of
 from cooperative.store import FAILED_AT, GRIDS, FinishedRun, Scalar, own_folder, read_sample, write_aside
 from jaxmpm import solve_each
-from jaxmpm.run import Midway
+from jaxmpm.run import Hooks, Midway
 from jaxmpm.support.files import remove_leftovers
 
 SHARES = (0.1, 0.3, 0.6)
@@ -249,11 +249,10 @@ def moments(model: runs.GridModel, sample: FinishedRun) -> runs.Frames:
             times.append(seconds)
             displacements.append(np.asarray(displacement))
 
-    run = model.campaign.run
     varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(
-        model.scene, model.state, varied, width=1, t_end=run.t_end, rules=model.campaign.rules(),
-        slides_end=model.slides_end, observe=report_moment,
+        model.scene, model.state, varied, width=1, t_end=model.t_end, rules=model.campaign.rules(),
+        hooks=Hooks(observe=report_moment),
     ):  # fmt: skip
         end = int(result.state.step) * float(result.time_step)
         if not times or end > times[-1]:

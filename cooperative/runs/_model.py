@@ -81,12 +81,12 @@ class GridModel:
         return self.grid == "refined" and self.campaign.plan.slides != 0
 
     @property
-    def slides_end(self) -> SlidesEnd | None:
-        """From which displacement on a run goes on beyond t_end, and up to when; None where none does."""
+    def t_end(self) -> float | SlidesEnd:
+        """When a run ends (s), and from which displacement on it goes on then, where slides do."""
         run = self.campaign.run
         if run.last(self.grid) == run.t_end:
-            return None
-        return SlidesEnd(run.failure_displacement, run.last(self.grid), self.campaign.failing_volume)
+            return run.t_end
+        return SlidesEnd(run.t_end, run.failure_displacement, run.last(self.grid), self.campaign.failing_volume)
 
     @property
     def geometry(self) -> Face | OpenGround:

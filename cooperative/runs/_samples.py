@@ -27,7 +27,7 @@ from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import MOVING, SLIDES, FinishedRun, Scalar, stored_source
 from jaxmpm import Face, Result, Status, passing, solve_each
-from jaxmpm.run import Chunk, Early, Midway, Rule
+from jaxmpm.run import Chunk, Hooks, Midway, Rule
 
 GROUND = "column_ground"
 """Field of a slide: how far the ground of each column has moved (m), the largest displacement of what was its top."""
@@ -72,7 +72,6 @@ def run_samples(
     Raises:
         Stopped: once `stop` was true.
     """
-    run = model.campaign.run
     under_way, left_out = _UnderWay(model, restart_in, stop, SLIDES if slides else model.grid), False
 
     def until_stopped() -> Iterator[int]:
@@ -94,8 +93,8 @@ def run_samples(
     varied = {name: map(itemgetter(name), soil_of_sample) for name, soil_of_sample in zip(names, soils, strict=True)}
     for number, result in solve_each(
         model.scene, model.state, varied, numbers=drawn_numbers, width=model.lanes if width is None else width,
-        t_end=run.t_end, rules=model.campaign.rules() if rules is None else rules, slides_end=model.slides_end,
-        on_chunk=looked, observe=under_way.remember if under_way.remembers else None, resume=under_way.begin,
+        t_end=model.t_end, rules=model.campaign.rules() if rules is None else rules,
+        hooks=Hooks(under_way.begin, looked, under_way.remember if under_way.remembers else None),
     ):  # fmt: skip
         lane = under_way.lanes.pop(number)
         seconds = lane.before + under_way.lap()
@@ -167,10 +166,10 @@ class _UnderWay:
         lane, plan = self.lanes[number], self.model.campaign.plan
         status = int(midway.state.status)
         running = status == Status.RUNNING
-        # A refined run that has failed may be asked to slide on from here.
-        failed = self.model.slides_on and status == Status.DECIDED
-        # A slide that has not come to rest may be asked to go on later.
-        moving = self.model.slides_on and status == Status.FINISHED and self._slid(midway)
+        # A refined run that has failed may be asked to slide on from here, a slide without rest to go on later.
+        ended = self.model.slides_on and status in (Status.DECIDED, Status.FINISHED)
+        fails = ended and self._fails(midway, seconds)
+        failed, moving = fails and status == Status.DECIDED, fails and status == Status.FINISHED
         if seconds > lane.motion.times[-1]:  # a lane with a number that none may have takes no step
             moved, farthest = _moved(midway.state.displacement)
             lane.motion = lane.motion.after(seconds, moved)
@@ -191,11 +190,12 @@ class _UnderWay:
         if self.stopping and not self.busy and not self.ended:
             raise Stopped
 
-    def _slid(self, midway: Midway) -> bool:
-        """Whether enough soil of a run has moved as far as a failure."""
+    def _fails(self, midway: Midway, seconds: float) -> bool:
+        """Whether enough soil of a run that has ended moved as far as a failure, or is bound to."""
         campaign, volume = self.model.campaign, np.asarray(self.model.scene.particles.volume)
         moved, _ = _moved(midway.state.displacement)
-        return exceeded(np.asarray(moved), volume, campaign.failing_volume) > campaign.run.failure_displacement
+        reached = exceeded(np.asarray(moved), volume, campaign.failing_volume)
+        return foreseen(reached, seconds, midway) > campaign.run.failure_displacement
 
 
 @jax.jit
@@ -216,9 +216,8 @@ def finished(
 ) -> FinishedRun:
     """The record of a run; its mode too, where its past was remembered, and its frames if it failed.
 
-    A run that broke off, or a refined one that ended once it had failed, has no consequences, only the displacement it
-    had reached. Where classes are known early, the displacement of a run that ended once it had failed is the one that
-    it would reach by t_end at its mean speed.
+    A run that broke off, or a refined one that ended once its class was decided, has no consequences, only the
+    displacement it had reached. That of a run whose class was decided is the one that the rule which ended it foresees.
 
     Args:
         model: the grid.
@@ -270,11 +269,8 @@ def finished(
             mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
             row |= mode_row(mode)
             fields["slice_depth"] = mode.depth.astype(np.float32)
-    early = next((rule for rule in campaign.rules(limit) if isinstance(rule, Early)), None)
-    if early is not None and int(result.status) == Status.DECIDED:
-        time = np.asarray(float(result.state.step * result.time_step))
-        row["displacement"] = float(early.projected(np.asarray(row["displacement"], float), time))
-    row["time"] = float(result.state.step * result.time_step)
+    row["time"] = time = float(result.state.step * result.time_step)
+    row["displacement"] = foreseen(float(row["displacement"]), time, result)
     row |= {} if level is None else {"water_level": level}
     return FinishedRun(
         number=number,
@@ -287,6 +283,19 @@ def finished(
         dtype=str(displacement.dtype),
         device=jax.devices()[0].device_kind,
     )
+
+
+def foreseen(displacement: float, time: float, run: Result | Midway) -> float:
+    """Displacement (m) for which a run counts that has ended: what it had reached, or what its rule foresees.
+
+    Args:
+        displacement: reached (m).
+        time: at its end (s).
+        run: that has ended.
+    """
+    if int(run.state.status) == Status.DECIDED and isinstance(run.ended_by, Rule):
+        return run.ended_by.foreseen(displacement, time)
+    return displacement
 
 
 def mode_row(mode: FailureMode) -> dict[str, Scalar]:

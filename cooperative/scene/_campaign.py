@@ -46,7 +46,7 @@ from cooperative.scene.tables import (
     table,
 )
 from cooperative.store import Source
-from jaxmpm import BaseMotion, Discretisation, Exceeds, FrictionalSoil, Soil, ground
+from jaxmpm import BaseMotion, Discretisation, FrictionalSoil, Soil, ground
 from jaxmpm.run import Rule, least_failing_volume
 from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered, Invalid, at
@@ -310,9 +310,7 @@ class Campaign(Part):
             limit: displacement (m) that decides its class, None where more than the class is asked for.
         """
         shaken, softens = self.motion is not None, self.site.softens_linearly(self.soil)
-        early = self.run.early_rule(limit, softens=softens, shaken=shaken)
-        rules = self.run.settling, None if limit is None else Exceeds(limit), early
-        return tuple(replace(rule, least_volume=self.failing_volume) for rule in rules if rule is not None)
+        return self.run.rules(limit, self.failing_volume, softens=softens, shaken=shaken)
 
     @cached_property
     def grids(self) -> Mapping[str, Discretisation]:

@@ -95,7 +95,7 @@ def factors_of_safety(campaign: Campaign, grids: Mapping[str, MeasuredGrid]) -> 
     factors = {
         grid: factor_of_safety(
             *unshaken(grids[grid]), failure_displacement=run.failure_displacement, t_end=run.t_end,
-            batch=_factors_at_once(), settle=run.settling, least_volume=campaign.failing_volume,
+            batch=_factors_at_once(), settle=run.settling(), least_volume=campaign.failing_volume,
         ).stable
         for grid in GRIDS
     }  # fmt: skip

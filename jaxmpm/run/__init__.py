@@ -2,7 +2,7 @@
 
 from jaxmpm.run import objectives
 from jaxmpm.run._advance import advance, advance_lanes, repeat
-from jaxmpm.run._batch import Chunk, Midway
+from jaxmpm.run._batch import Chunk, Hooks, Midway
 from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
 from jaxmpm.run._columns import Passing, column_shape, passing, with_columns
 from jaxmpm.run._early import Early
@@ -20,6 +20,7 @@ __all__ = [
     "Early",
     "Exceeds",
     "FactorOfSafety",
+    "Hooks",
     "Midway",
     "Passing",
     "Reading",

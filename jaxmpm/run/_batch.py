@@ -49,10 +49,28 @@ class Midway:
     Args:
         state: now.
         memory: of the stopping rules, by the name of their class; a rule that has none starts.
+        ended_by: the rule that has ended it, None for none.
     """
 
     state: State
     memory: Mapping[str, np.ndarray] = field(default_factory=dict)
+    ended_by: Rule | None = None
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """Functions that `solve_each` calls on the host, each None for none.
+
+    Args:
+        resume: of a sample's number, before it starts: what `observe` got in an earlier run, from which the sample goes
+            on bit for bit, or None.
+        on_chunk: of the numbers of a chunk of steps, after every one.
+        observe: of number, seconds simulated and midway of every sample after every chunk, about each `every`.
+    """
+
+    resume: Callable[[int], Midway | None] | None = None
+    on_chunk: Callable[[Chunk], None] | None = None
+    observe: Callable[[int, float, Midway], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +81,7 @@ class Sample:
         number: of the sample.
         scene: of the sample.
         state: at the start.
-        resume: as of `solve_each`.
+        resume: as of `Hooks`.
     """
 
     number: int
@@ -153,18 +171,19 @@ class Batch:
 
     def midway(self, lane: int) -> Midway:
         """The sample in a lane as it is now."""
-        return Midway(_lane(self.state, lane), self.watch.of_lane(lane))
+        return Midway(_lane(self.state, lane), self.watch.of_lane(lane), self.watch.rule_of(lane))
 
     def result(self, lane: int) -> Result:
         """Result of a sample that has ended."""
         numerics = take(self.scene.numerics, lane, self.axes.numerics)
-        return Result(jax.device_get(_lane(self.state, lane)), numerics.time_step)
+        state = jax.device_get(_lane(self.state, lane))
+        return Result(state, numerics.time_step, ended_by=self.watch.rule_of(lane))
 
     def advanced(self, slides_end: SlidesEnd | None = None) -> Batch:
         """The batch after a chunk of steps of every lane and a look at each.
 
         Args:
-            slides_end: as of `solve_each`.
+            slides_end: when a sample ends that slides at t_end; None for then.
 
         Returns:
             Batch.

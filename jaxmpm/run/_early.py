@@ -18,7 +18,7 @@ START = np.array([0.0, 0.0, np.nan, 0.0, np.inf, 0.0, np.nan, 0.0])
 
 @dataclass(frozen=True)
 class Early(Rule):
-    """Rule by which the rate of plastic strain decides the class of a lane of softening soil.
+    """Rule by which the rate of plastic strain decides the class of a lane of softening soil, before or beyond a limit.
 
     A block on a band that softens linearly moves at v = A exp(l t) + B exp(-l t), where l^2 is the loss of resistance
     per displacement over its mass. It stands if A <= 0, and v then falls faster than exp(-l t). If v grows, A > 0: the
@@ -34,7 +34,7 @@ class Early(Rule):
     Args:
         horizon: time (s) by which a lane that speeds up has to pass the displacement that decides its class. Its
             displacement by then, at its mean speed so far, has to exceed that too before it is decided.
-        displacement: that decides the class (m).
+        displacement: that decides the class (m); beyond it a lane is DECIDED at once, as by `Exceeds`.
         decay: rate of a lane that stands over that of the window before. A lane whose rate is below this share of its
             largest one is not decided.
         growth: rate of a lane that fails over the least one so far.
@@ -83,11 +83,16 @@ class Early(Rule):
         return *measures(scene, state), farthest_of(scene, state, self.least_volume)
 
     def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
-        """SETTLED where a lane stands, DECIDED where it fails."""
+        """SETTLED where a lane stands, DECIDED where it fails or has failed."""
         strain, half_period, displacement = reading.measured
         memory, stands, speeds_up = self.judged(memory, reading.elapsed, half_period, strain, displacement)
-        fails = speeds_up & (self.projected(displacement, reading.time) > self.displacement)
-        return memory, np.where(stands, Status.SETTLED, np.where(fails, Status.DECIDED, Status.RUNNING))
+        bound_to = speeds_up & (self.projected(displacement, reading.time) > self.displacement)
+        ends = [displacement > self.displacement, stands, bound_to]
+        return memory, np.select(ends, [Status.DECIDED, Status.SETTLED, Status.DECIDED], Status.RUNNING)
+
+    def foreseen(self, displacement: float, time: float) -> float:
+        """The displacement (m) at the horizon of a lane that goes on at its mean speed so far."""
+        return float(self.projected(np.asarray(displacement, float), np.asarray(time)))
 
     def projected(self, displacement: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Displacement (m) at the horizon of lanes that go on at their mean speed so far.

@@ -30,12 +30,14 @@ class Result:
         time_step: s.
         times: of the snapshots (s).
         snapshots: states on the host.
+        ended_by: the rule that ended the run, None for none; of a batch, one for each lane.
     """
 
     state: State
     time_step: Array
     times: tuple[float, ...] = ()
     snapshots: tuple[State, ...] = field(default=(), repr=False)
+    ended_by: tuple[Rule | None, ...] | Rule | None = None
 
     @property
     def status(self) -> np.ndarray:
@@ -104,8 +106,8 @@ def solve(
         t_end: duration (s).
         snapshots: times (s) at which to store the state; a lane that has ended has its last one.
         rules: that end a lane before t_end: `Settle()`, `Exceeds(1.0)`, `jaxmpm.run.Early`, a `jaxmpm.run.Rule` of your
-            own, or a function of one lane's scene and state that returns whether it ends; the first that holds gives
-            the status.
+            own, or a function of one lane's scene and state that returns whether it ends, or its `Status`; the first
+            that holds gives the status.
         every: time between two looks at the rules (s).
         axes: leaves of `scene` that have lanes as leading axis (see `lanes`); every leaf of `state` then has.
         progress: show a bar with the simulated time.
@@ -183,6 +185,7 @@ def solve(
         time_step=scene.numerics.time_step,
         times=times,
         snapshots=tuple(stored.get(n, last) for n in at_snapshots),
+        ended_by=tuple(map(watch.rule_of, range(final.size))) if final.ndim else watch.rule_of(()),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import replace
 from itertools import count, islice, zip_longest
 from typing import Any
@@ -14,13 +14,15 @@ import numpy as np
 from jax import Array
 from tqdm import tqdm
 
-from jaxmpm.run._batch import Batch, Chunk, Midway, Sample
+from jaxmpm.run._batch import Batch, Chunk, Hooks, Sample
 from jaxmpm.run._checks import check_state
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Condition, Rule, SlidesEnd, check_duration, check_rules
 from jaxmpm.setup import check_names, check_scene, check_start, vary
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State
+
+NO_HOOKS = Hooks()
 
 
 def solve_each(
@@ -29,16 +31,13 @@ def solve_each(
     varied: Mapping[str, Iterable[Array]],
     *,
     width: int,
-    t_end: float,
+    t_end: float | SlidesEnd,
     numbers: Iterable[int] | None = None,
     rules: Sequence[Rule | Condition] = (),
-    slides_end: SlidesEnd | None = None,
     every: float = 0.25,
     snapshots: Sequence[float] = (),
     progress: bool = False,
-    on_chunk: Callable[[Chunk], None] | None = None,
-    observe: Callable[[int, float, Midway], None] | None = None,
-    resume: Callable[[int], Midway | None] | None = None,
+    hooks: Hooks = NO_HOOKS,
 ) -> Iterator[tuple[int, Result]]:
     """Run every sample and yield its result as it ends, not in order.
 
@@ -55,20 +54,15 @@ def solve_each(
             pore_pressure (Pa), wall_friction, wall_cohesion (Pa), wall_pressure (Pa). If stiffness, weight, pore
             pressure or the water's level vary, every sample has its own initial stress and time step.
         width: number of lanes.
-        t_end: as for `solve`, reached to a few steps.
+        t_end: as for `solve`, reached to a few steps; or a `jaxmpm.run.SlidesEnd`, by which samples that slide then go
+            on. Their motion before it, and all other samples, do not change.
         numbers: of the samples, drawn with them; by default 0, 1, 2, ...
         rules: as for `solve`.
-        slides_end: when a sample ends that slides at t_end; None for then. Its motion before t_end, and all other
-            samples, do not change.
         every: time between two looks at the rules (s).
         snapshots: times (s) for each of which a result has the state of the first look from then on, with its own
             time; a sample that has ended has its last one.
         progress: show a bar with the samples that have ended.
-        on_chunk: called after every chunk.
-        observe: called with (number, seconds simulated, midway) of every sample after every chunk, about each
-            `every`.
-        resume: function of a sample's number that returns what `observe` got in an earlier run, or None; the sample
-            goes on from there, bit for bit.
+        hooks: functions that are called on the host before a sample starts and after every chunk of steps.
 
     Yields:
         Number and result of each sample.
@@ -87,11 +81,9 @@ def solve_each(
         [(0, 'FINISHED'), (1, 'FINISHED'), (2, 'FINISHED')]
     """
     check.whole("width", width)
+    slides_end = t_end if isinstance(t_end, SlidesEnd) else None
+    t_end = t_end.t_end if isinstance(t_end, SlidesEnd) else t_end
     check_duration(t_end, every)
-    if slides_end is not None and not t_end <= slides_end.time:
-        raise ValueError(
-            f"slides_end = {slides_end.time:g} s lies before t_end = {t_end:g} s: give a time from then on"
-        )
     outside = [time for time in snapshots if not 0 <= time <= t_end]
     if outside:
         raise ValueError(f"snapshots at {outside} s lie outside the run: give times from 0 to t_end = {t_end} s")
@@ -102,7 +94,7 @@ def solve_each(
         raise ValueError("varied is empty: give the parameters that samples differ in, as in {'strength': strengths}")
     check_names(scene, varied)
     check_start(state, varied)
-    samples = (Sample(number, *vary(scene, state, values), resume) for number, values in _drawn(varied, numbers))
+    samples = (Sample(number, *vary(scene, state, values), hooks.resume) for number, values in _drawn(varied, numbers))
     first = list(islice(samples, width))
     if not first:
         return
@@ -113,11 +105,11 @@ def solve_each(
     with tqdm(total=min(sizes, default=None), unit="run", disable=not progress) as bar:
         while batch.busy:
             batch = batch.advanced(slides_end)
-            if on_chunk is not None:
-                on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
-            if observe is not None:
+            if hooks.on_chunk is not None:
+                hooks.on_chunk(Chunk(len(batch.numbers), len(batch.busy), int(batch.chunk.max())))
+            if hooks.observe is not None:
                 for lane in batch.busy:
-                    observe(batch.number(lane), batch.seconds(lane), batch.midway(lane))
+                    hooks.observe(batch.number(lane), batch.seconds(lane), batch.midway(lane))
             for lane in batch.busy if times else ():
                 states, now = taken[batch.number(lane)], batch.seconds(lane)
                 due = bisect_right(times, now) - len(states)

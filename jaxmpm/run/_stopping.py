@@ -45,8 +45,11 @@ class Rule(Protocol):
     """Rule that ends lanes between chunks of steps: a frozen dataclass of numbers.
 
     `measure` is compiled, `judge` is NumPy. `solve` and `solve_each` also take a function of the scene and state of one
-    lane that returns whether the lane ends. A class that derives from this one has no memory and needs nothing, unless
-    it says so.
+    lane that returns whether the lane ends, or its `Status`. A class that derives from this one has no memory and needs
+    nothing, unless it says so.
+
+    The status says what the end means. SETTLED: the lane moves no more, and its end is that of its motion. DECIDED: no
+    more is asked of it, and `foreseen` is how far it counts as moved.
     """
 
     def start(self) -> np.ndarray:
@@ -63,14 +66,23 @@ class Rule(Protocol):
     def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """Memory afterwards (m, ...), and `Status` of each lane: RUNNING, or how the lane ends."""
 
+    def foreseen(self, displacement: float, time: float) -> float:
+        """Displacement (m) for which a lane counts that this rule ended as DECIDED; what it has reached by default.
+
+        Args:
+            displacement: reached (m).
+            time: so far (s).
+        """
+        return displacement
+
 
 Condition = Callable[[Scene, State], Array]
-"""Whether one lane ends, () bool: a rule without memory. The lane is DECIDED."""
+"""A rule without memory: whether one lane ends, () bool, which is then DECIDED; or its `Status`, () int."""
 
 
 @dataclass(frozen=True)
 class Ends(Rule):
-    """Rule that ends a lane, as DECIDED, once a function of its scene and state says so.
+    """Rule that ends a lane once a function of its scene and state says so.
 
     Args:
         condition: of one lane; traced.
@@ -79,12 +91,13 @@ class Ends(Rule):
     condition: Condition
 
     def measure(self, scene: Scene, state: State) -> Array:
-        """Whether the lane ends."""
+        """Whether the lane ends, or how."""
         return self.condition(scene, state)
 
     def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
-        """DECIDED where the condition holds."""
-        return memory, np.where(reading.measured, Status.DECIDED, Status.RUNNING)
+        """DECIDED where the condition holds, or the status that it gives."""
+        says = np.asarray(reading.measured)
+        return memory, np.where(says, Status.DECIDED, Status.RUNNING) if says.dtype == bool else says
 
 
 @dataclass(frozen=True)
@@ -180,10 +193,11 @@ class Settle(Rule):
 
 @dataclass(frozen=True)
 class SlidesEnd:
-    """Longer duration of samples that slide.
+    """Duration of samples of which those that slide go on.
 
     Args:
-        displacement: beyond which a sample at t_end goes on (m).
+        t_end: of samples that do not slide (s).
+        displacement: beyond which a sample goes on at that time (m).
         time: up to which it goes on, to within a chunk (s).
         least_volume: as for `Exceeds`.
 
@@ -191,13 +205,18 @@ class SlidesEnd:
         ValueError: If a number is not above 0.
     """
 
+    t_end: float
     displacement: float
     time: float
     least_volume: float | None = None
 
     def __post_init__(self) -> None:
-        check.positive("slides_end's displacement", self.displacement, "m")
-        check.positive("slides_end's time", self.time, "s")
+        check_duration(self.t_end)
+        check.positive("slides' displacement", self.displacement, "m")
+        check.positive("slides' time", self.time, "s")
+        if self.time < self.t_end:
+            rule = f"slides' time = {self.time:g} s lies before t_end = {self.t_end:g} s"
+            raise ValueError(f"{rule}: give a time from then on")
         check_volume(self.least_volume)
 
 
@@ -280,15 +299,18 @@ class Watch:
     Args:
         rules: in the order in which they are asked.
         memory: of each rule, (m, B) or (m,).
+        ended_by: position of the rule that ended each lane, -1 for none (B,) or ().
     """
 
     rules: tuple[Rule, ...]
     memory: tuple[np.ndarray, ...]
+    ended_by: np.ndarray
 
     @classmethod
     def start(cls, rules: tuple[Rule, ...], shape: tuple[int, ...]) -> Watch:
         """A watch of lanes of this shape that start."""
-        return cls(rules, tuple(np.full((*shape, rule.start().size), rule.start()).T for rule in rules))
+        memory = tuple(np.full((*shape, rule.start().size), rule.start()).T for rule in rules)
+        return cls(rules, memory, np.full(shape, -1))
 
     def restarted(self, lane: int, memory: Mapping[str, np.ndarray]) -> Watch:
         """The watch with another sample in one lane.
@@ -301,11 +323,18 @@ class Watch:
         for name, rule, lanes in zip(names_of(self.rules), self.rules, self.memory, strict=True):
             of_sample = np.asarray(memory.get(name, rule.start()))
             memories.append(np.where(np.arange(lanes.shape[1]) == lane, of_sample[:, None], lanes))
-        return replace(self, memory=tuple(memories))
+        ended_by = np.where(np.arange(self.ended_by.size) == lane, -1, self.ended_by)
+        return replace(self, memory=tuple(memories), ended_by=ended_by)
 
     def of(self, lanes: np.ndarray) -> Watch:
         """The watch of some lanes."""
-        return replace(self, memory=tuple(memory[:, lanes] for memory in self.memory))
+        memory = tuple(memory[:, lanes] for memory in self.memory)
+        return replace(self, memory=memory, ended_by=self.ended_by[lanes])
+
+    def rule_of(self, lane: int | tuple[()]) -> Rule | None:
+        """The rule that ended a lane, None where none did."""
+        position = int(self.ended_by[lane])
+        return None if position < 0 else self.rules[position]
 
     def of_lane(self, lane: int) -> dict[str, np.ndarray]:
         """Memory of one lane by rule (m,)."""
@@ -330,10 +359,11 @@ class Watch:
         if not self.rules:
             return self, status
         time = np.asarray(state.step) * np.asarray(scene.numerics.time_step)
-        shaken, memories = _still_shaken(scene, time), []
+        shaken, memories, ended_by = _still_shaken(scene, time), [], self.ended_by
         values = jax.device_get(measured(scene, state, axes, self.rules))
-        for rule, memory, value in zip(self.rules, self.memory, values, strict=True):
+        for position, (rule, memory, value) in enumerate(zip(self.rules, self.memory, values, strict=True)):
             memory, judged = rule.judge(memory, Reading(value, elapsed, time, shaken))
             memories.append(memory)
-            status = np.where(status == Status.RUNNING, judged, status)
-        return replace(self, memory=tuple(memories)), status.astype(np.int32)
+            ends = (status == Status.RUNNING) & (judged != Status.RUNNING)
+            status, ended_by = np.where(ends, judged, status), np.where(ends, position, ended_by)
+        return replace(self, memory=tuple(memories), ended_by=ended_by), status.astype(np.int32)

@@ -11,8 +11,8 @@ from pydantic.json_schema import SkipJsonSchema
 
 from cooperative.scene.tables._key import AboveZero, Flag, FromZero, Length, Part, Seconds, Within, key, table
 from cooperative.scene.tables._stored import LimitLoad
-from jaxmpm import Settle
-from jaxmpm.run import Early
+from jaxmpm import Exceeds, Settle
+from jaxmpm.run import Early, Rule
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support.check import Invalid, Limit, above_zero
 
@@ -84,7 +84,7 @@ class Run(Part):
         synonyms="front_thickness deposit_thickness",
     )
     settle: Flag | SkipJsonSchema[InstanceOf[Settle]] = key(
-        "Whether a run ends once its slope has come to rest. Python may give a `jaxmpm.Settle` of other limits.",
+        "Whether a run ends once its slope has come to rest. Python may give a `jaxmpm.Settle`, taken as it is.",
         True,
         True,
     )
@@ -111,34 +111,40 @@ class Run(Part):
             )  # fmt: skip
         return self
 
-    @property
-    def settling(self) -> Settle | None:
-        """When a lane has settled; a slide, which exceeds the failure displacement, once its deposit rests."""
+    def settling(self, volume: float | None = None) -> Settle | None:
+        """When a lane has settled; a slide, which exceeds the failure displacement, once its deposit rests.
+
+        Args:
+            volume: of soil whose motion counts (m3, in a section m2), None for that of any particle.
+        """
         if isinstance(self.settle, Settle):
             return self.settle
         slides = None if self.rest is False else self.failure_displacement
-        return Settle(slides=slides) if self.settle else None
+        return Settle(slides=slides, least_volume=volume) if self.settle else None
 
     def last(self, grid: str) -> float:
         """Time (s) at which a run of a grid ends at the latest."""
         return self.slides_t_end if grid == "refined" and self.slides_t_end is not None else self.t_end
 
-    @property
-    def settles(self) -> list[Settle]:
-        """The rule by which a lane settles, none where none does."""
-        return [] if self.settling is None else [self.settling]
+    def rules(
+        self, limit: float | None = None, volume: float | None = None, *, softens: bool = False, shaken: bool = False
+    ) -> tuple[Rule, ...]:
+        """What ends a run before its end time; of several the first that holds.
 
-    def early_rule(self, limit: float | None, *, softens: bool, shaken: bool) -> Early | None:
-        """The rule by which the class of a run is known early, None where that does not hold.
+        A rule states by its status what its end means, see `jaxmpm.run.Rule`: what has SETTLED is measured as it lies;
+        what is DECIDED fails or stands by the displacement that the rule foresees.
 
         Args:
-            limit: displacement (m) that decides the class, None where more than the class is asked for.
+            limit: displacement (m) that decides its class, None where more than the class is asked for.
+            volume: of soil whose motion counts (m3, in a section m2), None for that of any particle.
             softens: whether all soil does, linearly.
             shaken: whether the base moves.
         """
-        if limit is None or self.early is False or self._never_early(softens, shaken):
-            return None
-        return Early(self.t_end, limit)
+        rules: list[Rule] = [] if (settling := self.settling(volume)) is None else [settling]
+        if limit is not None:
+            early = self.early is not False and self._never_early(softens, shaken) is None
+            rules.append(Early(self.t_end, limit, least_volume=volume) if early else Exceeds(limit, volume))
+        return tuple(rules)
 
     def check_early(self, *, softens: bool, shaken: bool) -> None:
         """Raise ValueError for `early` where its rule does not hold.
@@ -165,9 +171,4 @@ class Run(Part):
         Args:
             limit_load: as measured.
         """
-        settle = self.settle
-        if isinstance(settle, Settle) and settle.slides is not None:
-            settle = replace(settle, slides=limit_load.displacement)
-        return replace(
-            self, failure_displacement=limit_load.displacement, least_volume=limit_load.volume or 0.0, settle=settle
-        )
+        return replace(self, failure_displacement=limit_load.displacement, least_volume=limit_load.volume or 0.0)

@@ -59,7 +59,7 @@ def test_it_is_measured_once_and_stored(done):
     assert (folder / "campaign.db").read_bytes() == before
     campaign = campaign_of(read_store(folder))
     assert campaign.run.failure_displacement == summary.probability.limit_load.displacement
-    assert campaign.run.settling.slides == campaign.run.failure_displacement
+    assert campaign.run.settling().slides == campaign.run.failure_displacement
     measured = stored(folder, "measured")
     keep(folder, "measured", measured | {"limit_load": measured["limit_load"] | {"displacement": -1.0}})
     with pytest.raises(ValueError, match=r"campaign\.db holds no measured .* = -1 m: .*delete from campaign"):

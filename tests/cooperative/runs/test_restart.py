@@ -1,6 +1,6 @@
 """Restart points: a long run that was stopped or killed ends as if nothing had happened, bit for bit."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import h5py
 import numpy as np
@@ -8,8 +8,9 @@ import pytest
 
 from cooperative import runs
 from cooperative.runs import Stopped, run_samples
-from cooperative.store import Source, open_store, restart_path, write_sample
-from jaxmpm import solve, with_soil
+from cooperative.store import SLIDES, Source, open_store, restart_path, write_sample
+from jaxmpm import Status, solve, with_soil
+from jaxmpm.run import Rule
 from tests.cooperative.campaign.test_campaign import TINY, changed
 from tests.scenes import model_of
 
@@ -209,3 +210,31 @@ def test_a_stop_begins_no_further_sample_and_loses_none_that_ended(undisturbed):
     assert 1 <= len(ended) <= 2
     for sample in ended:
         assert_same_sample(sample, samples[sample.number])
+
+
+@dataclass(frozen=True)
+class AtOnce(Rule):
+    """A rule that decides a run at its first look, and says how far it would move (m)."""
+
+    would_move: float
+
+    def measure(self, scene, state):
+        return state.step
+
+    def judge(self, memory, reading):
+        return memory, np.where(reading.measured > 0, Status.DECIDED, Status.RUNNING)
+
+    def foreseen(self, displacement, time):
+        assert 0 <= displacement < 1 < 10 * time
+        return self.would_move
+
+
+@pytest.mark.parametrize("would_move", [0.0, 5.0])
+def test_a_rule_says_itself_how_a_run_counts_that_it_ends(folder, undisturbed, would_move):
+    model, coefficients, samples = undisturbed
+    _, stands, *_ = samples
+    rules = [AtOnce(would_move), *model.campaign.rules(1.0)]
+    (ended,) = run_samples(model, coefficients, [stands], width=1, rules=rules, restart_in=folder)
+    assert (ended.status, ended.row["displacement"], ended.row["broke_off"]) == ("DECIDED", would_move, False)
+    # Only a run that counts as a failure may be asked to slide on.
+    assert restart_path(folder, SLIDES, stands).exists() == (would_move > model.campaign.run.failure_displacement)

@@ -23,7 +23,7 @@ seen = []
 
 def ends():
     runs = mpm.solve_each(scene, state, {"strength": np.linspace(6e3, 30e3, 7)}, width=4, t_end=0.2, every=0.05,
-        rules=[mpm.Exceeds(1e-3)], observe=lambda n, t, midway: seen.append(t))
+        rules=[mpm.Exceeds(1e-3)], hooks=mpm.run.Hooks(observe=lambda n, t, midway: seen.append(t)))
     return {n: (int(r.status), int(r.state.step), np.asarray(r.state.displacement)) for n, r in runs}
 
 several = ends()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm.run import Early
+from jaxmpm.run import Early, Hooks
 from jaxmpm.run._early import START
 from jaxmpm.run._stopping import measured
 
@@ -115,10 +115,12 @@ def test_a_run_goes_on_with_the_memory_of_its_rule():
     scene, state = mpm.slope(SHAPE, CLAY, NUMERICS)
     seen, choices = [], {"width": 1, "t_end": 10.0, "rules": WITH, "every": 0.1}
     ((_, whole),) = mpm.solve_each(
-        scene, state, {"strength": [6e3]}, observe=lambda *each: seen.append(each[-1]), **choices
+        scene, state, {"strength": [6e3]}, hooks=Hooks(observe=lambda *each: seen.append(each[-1])), **choices
     )
     assert len(seen) > 2
-    ((_, resumed),) = mpm.solve_each(scene, state, {"strength": [6e3]}, resume=lambda _: seen[0], **choices)
+    ((_, resumed),) = mpm.solve_each(
+        scene, state, {"strength": [6e3]}, hooks=Hooks(resume=lambda _: seen[0]), **choices
+    )
     assert int(resumed.state.step) == int(whole.state.step)
 
 

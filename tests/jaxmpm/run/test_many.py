@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
-from jaxmpm.run import SlidesEnd, lanes, repeat
+from jaxmpm.run import Hooks, SlidesEnd, lanes, repeat
 from jaxmpm.run._advance import advance_lanes
 from jaxmpm.run._batch import Batch, Sample
 from jaxmpm.setup import vary
@@ -18,7 +18,7 @@ CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 VALUES = {"strength": [8e3, 4e3, 9e3, 5e3], "young": [5e6, 2e7, 2e6, 9e6], "unit_weight": [20e3, 18e3, 16e3, 22e3]}
 VALUES |= {"softening.modulus": [4e4, 1e4, 8e4, 2e4], "softening.residual_ratio": [0.5, 0.9, 0.4, 0.6]}
-LONGER = SlidesEnd(displacement=0.1, time=2.0)
+LONGER = SlidesEnd(1.0, displacement=0.1, time=2.0)
 
 
 def built(**soil):
@@ -88,11 +88,12 @@ def test_slides_go_on_where_others_end_and_from_any_point_bit_for_bit():
     scene, state = built()
     strengths, seen, settle = {"strength": [4e3, 30e3, 6e3, 30e3]}, {}, mpm.Settle(slides=0.1)
 
-    def runs(width=2, **given):
-        return dict(mpm.solve_each(scene, state, strengths, width=width, t_end=1.0, rules=[settle], every=0.1, **given))
+    def runs(t_end=LONGER, width=2, **hooks):
+        choices = {"width": width, "t_end": t_end, "rules": [settle], "every": 0.1, "hooks": Hooks(**hooks)}
+        return dict(mpm.solve_each(scene, state, strengths, **choices))
 
-    whole = runs(slides_end=LONGER, observe=lambda n, t, midway: seen.setdefault((n, round(t, 6)), midway))
-    short, alike = runs(), runs(width=4, slides_end=LONGER)
+    whole = runs(observe=lambda n, t, midway: seen.setdefault((n, round(t, 6)), midway))
+    short, alike = runs(t_end=1.0), runs(width=4)
     times = {n: int(r.state.step) * float(r.time_step) for n, r in whole.items()}
     farthest = {n: float(np.linalg.norm(r.state.displacement, axis=0).max()) for n, r in short.items()}
     assert [farthest[n] > 0.1 for n in range(4)] == [True, False, True, False]
@@ -110,11 +111,11 @@ def test_slides_go_on_where_others_end_and_from_any_point_bit_for_bit():
     # From a point before t_end or after it.
     for at in (0.5, 1.5):
         points = {n: min((t for m, t in seen if m == n and t >= at), default=None) for n in (0, 2)}
-        again = runs(slides_end=LONGER, resume=lambda n, p=points: p.get(n) and seen[n, p[n]])
+        again = runs(resume=lambda n, p=points: p.get(n) and seen[n, p[n]])
         for number in points:
             assert np.array_equal(again[number].state.displacement, whole[number].state.displacement)
-    with pytest.raises(ValueError, match=r"slides_end = 0.5 s lies before t_end = 1 s"):
-        runs(slides_end=SlidesEnd(0.1, 0.5))
+    with pytest.raises(ValueError, match=r"slides' time = 0.5 s lies before t_end = 1 s"):
+        SlidesEnd(1.0, 0.1, 0.5)
 
 
 def test_only_what_samples_differ_in_has_lanes():

@@ -68,8 +68,21 @@ def test_a_rule_may_be_a_function_of_scene_and_state(fallen):
     states = replace(states, velocity=states.velocity.at[0].add(jnp.asarray([[0.0], [-0.6]])[-scene.grid.dimension :]))
     both = mpm.solve(varied, states, t_end=0.02, rules=rules, every=0.01, axes=axes)
     assert both.status.tolist() == [mpm.Status.DECIDED, mpm.Status.FINISHED]
+    assert [rule and rule.condition for rule in both.ended_by] == [fell, None]
     ((_, sample),) = mpm.solve_each(scene, state, {"strength": [9e3]}, width=1, t_end=1.0, rules=rules, every=0.01)
     assert int(sample.status) == mpm.Status.DECIDED
+    assert sample.ended_by == alone.ended_by == both.ended_by[0]
+
+
+def test_a_function_may_say_how_a_lane_ends(fallen):
+    scene, state = fallen
+
+    def still(scene, state):
+        return jnp.where(state.step > 3, mpm.Status.SETTLED, mpm.Status.RUNNING)
+
+    result = mpm.solve(scene, state, t_end=0.1, rules=[still], every=0.02)
+    assert result.status == mpm.Status.SETTLED
+    assert result.ended_by.foreseen(0.5, 1.0) == 0.5
 
 
 def test_the_first_rule_that_ends_a_lane_gives_its_status_and_rules_of_a_class_have_their_own_memory(fallen):
@@ -78,6 +91,7 @@ def test_the_first_rule_that_ends_a_lane_gives_its_status_and_rules_of_a_class_h
     for rules, status in (([never, at_once], "SETTLED"), ([mpm.Exceeds(1e-12), at_once], "DECIDED")):
         result = mpm.solve(scene, state, t_end=0.1, rules=rules, every=0.02)
         assert mpm.Status(int(result.status)).name == status
+        assert result.ended_by == (at_once if status == "SETTLED" else rules[0])
     watch = Watch.start((never, at_once, never), (2,)).restarted(1, {"Settle": np.ones(2), "Settle 3": np.full(2, 3.0)})
     assert [memory[:, 1].tolist() for memory in watch.memory] == [[1.0, 1.0], [0.0, 0.0], [3.0, 3.0]]
     assert watch.of_lane(0).keys() == {"Settle", "Settle 2", "Settle 3"}
