@@ -242,10 +242,7 @@ class Campaign(Part):
         if not any(getattr(layer.soil, "b_value", None) for layer in site.soils(self.soil)):
             return self
         layers = (replace(part, layer=replace(part.layer, soil=_drained(part.layer.soil))) for part in site.layers)
-        again = replace(self, soil=_drained(self.soil), ground=replace(site, layers=tuple(layers)))
-        # The flow does not depend on it.
-        again.__dict__.update((name, self.__dict__[name]) for name in ("flow", "flowing") if name in self.__dict__)
-        return again
+        return replace(self, soil=_drained(self.soil), ground=replace(site, layers=tuple(layers)))
 
     @property
     def rank(self) -> Callable[..., Any] | FromScript | str | None:
@@ -288,14 +285,15 @@ class Campaign(Part):
         """The flow of its water, to be solved with one conductivity or another."""
         from cooperative.scene._flow import CampaignFlow
 
-        return CampaignFlow.of(self)
+        solver = None if self.site.pressure is None else self.site.pressure.flowing
+        return CampaignFlow.of(self) if solver is None else solver
 
     @cached_property
     def flow(self) -> PressureInTime:
-        """Pore pressure in time of the water that moves, solved when first asked for."""
+        """Pore pressure in time of the water that moves, solved when first asked for unless ground rests in it."""
         from cooperative.scene._flow import flow_of
 
-        return flow_of(self)
+        return flow_of(self) if self.site.pressure is None else self.site.pressure.flow
 
     @property
     def loads(self) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import jax
@@ -84,6 +84,8 @@ class Resting:
         level: of the pool (m), None where none stands on the ground.
         dry: unit weight of each layer without its water (N/m3), nan where weight does not follow the water.
         unit_weight: of water under the gravity of the runs (N/m3).
+        flow: in time, of which this is the pressure.
+        flowing: by which it was solved, None where another program computed it.
     """
 
     time: float
@@ -93,6 +95,8 @@ class Resting:
     level: float | None
     dry: tuple[float, ...]
     unit_weight: float
+    flow: PressureInTime = field(repr=False, compare=False)
+    flowing: CampaignFlow | None = field(repr=False, compare=False)
 
     def retention(self, number: np.ndarray) -> Retention | None:
         """Of points in layers of these numbers (N,)."""
@@ -144,12 +148,9 @@ def at_time(campaign: Campaign, time: float | None = None, flow: PressureInTime 
     resting = Resting(
         moment, flow.heads(moment), filled, table.suction,
         _pool(campaign, moment), _dry(campaign.soil, site, retentions), WATER_WEIGHT * heavier,
+        flow, campaign.flowing if table.given_by is None else None,
     )  # fmt: skip
-    again = replace(campaign, ground=replace(site, pressure=resting))
-    again.__dict__["flow"] = flow  # worked out already
-    if "flowing" in campaign.__dict__:
-        again.__dict__["flowing"] = campaign.flowing
-    return again
+    return replace(campaign, ground=replace(site, pressure=resting))
 
 
 def _dry(soil: AnySoil, site: Site, retentions: Sequence[Retention | None]) -> tuple[float, ...]:
@@ -354,7 +355,8 @@ class CampaignFlow:
     def _of_lane(self, flow: Flow, times: Sequence[float]) -> Solved:
         """One flow, on the host."""
         heads = [np.asarray(head, float) for head in flow.head]
-        at_times = tuple(_host(Heads.of(self.problem, head)) for head in flow.head)
+        every = (Heads.of(self.problem, head) for head in flow.head)
+        at_times = tuple(replace(head, total=cast(jax.Array, np.asarray(head.total, float))) for head in every)
         # Under a pool it is no wonder that it is.
         rate = self.table.rate
         rains = rate is not None and max(value for _, value in rate) > 0
@@ -366,10 +368,6 @@ class CampaignFlow:
             np.array(times), at_times, self.cells, self.number, rained, rained - float(flow.runoff), balance,
             int(flow.steps), full,
         )  # fmt: skip
-
-
-def _host(heads: Heads) -> Heads:
-    return replace(heads, total=cast(jax.Array, np.asarray(heads.total, float)))
 
 
 def _full(cells: Cells, head: np.ndarray) -> bool:
