@@ -101,7 +101,9 @@ def parser() -> argparse.ArgumentParser:
     for name, (does, *_) in COMMANDS.items():
         added[name] = commands.add_parser(name, help=does, description=does, epilog=f"example: {_typed(name)}")
     for name in ("check", "draw", "slide", "fos", "seepage", "run", "sweep"):
-        _add_scene(added[name])
+        added[name].add_argument("scene", type=Path, help=FILES["scene"])
+        outside = "let the scene name files outside its folder"
+        added[name].add_argument("--allow-outside", action="store_true", help=outside)
     for name in ("status", "resume", "report", "export"):
         added[name].add_argument("folder", type=Path, help=FILES["folder"])
     for name in ("run", "sweep"):
@@ -119,11 +121,6 @@ def parser() -> argparse.ArgumentParser:
 def _typed(name: str) -> str:
     """The example of a command as one types it."""
     return f"jaxmpm {name} {COMMANDS[name][1]}".rstrip()
-
-
-def _add_scene(command: argparse.ArgumentParser) -> None:
-    command.add_argument("scene", type=Path, help=FILES["scene"])
-    command.add_argument("--allow-outside", action="store_true", help="let the scene name files outside its folder")
 
 
 def _add_run_options(command: argparse.ArgumentParser) -> None:

@@ -185,8 +185,10 @@ class Subset(Audited):
 ESTIMATORS = {kind.name: kind for kind in (TwoPhase, Published, ControlVariate, MonteCarlo, Subset)}
 """By the name in a scene."""
 
-SETTINGS = ("k_t", "refined_runs", "target_cov", "levels", "replicates")
-"""Keys of a scene that are settings of one estimator or another."""
+SETTINGS = tuple(
+    dict.fromkeys(setting.name for kind in ESTIMATORS.values() for setting in fields(kind) if setting.name != "seed")
+)
+"""Keys of a scene that are settings of one estimator or another; the seed is that of the plan."""
 
 
 def named_estimator(name: str, by_key: Mapping[str, Any]) -> Estimator:

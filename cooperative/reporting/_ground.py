@@ -104,7 +104,8 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
         )  # fmt: skip
         bodies[f"{scale.word}, {grid} grid"] = [soil, interactive.mesh(body.corners, body.faces[rock], color=ROCK)]
     figure = interactive.chosen(bodies, list(_outlines(models["refined"])))
-    text = f"Ground by its layers, and {_whose(campaign)} on both grids. Drag it to turn it."
+    shown = "one sample's random field" if campaign.random else "the soil's strength"
+    text = f"Ground by its layers, and {shown} on both grids. Drag it to turn it."
     parts = [page.heading(campaign.name, 1), interactive.html(figure, "ground"), page.paragraph(text)]
     return page.document(campaign.name, [*parts, interactive.script()])
 
@@ -112,11 +113,6 @@ def solid(models: dict[str, GridModel], values: Values) -> str:
 def _first(campaign: Campaign, values: Values) -> str:
     """The parameter that is drawn: the first that is random, or else the first of strength."""
     return next(iter(campaign.random or values["refined"]))
-
-
-def _whose(campaign: Campaign) -> str:
-    """Whose field is drawn, in words."""
-    return "one sample's random field" if campaign.random else "the soil's strength"
 
 
 def _layered(model: GridModel) -> list[Mesh3d]:

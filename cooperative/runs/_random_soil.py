@@ -295,7 +295,11 @@ def _group(part: Part, names: tuple[str, ...], correlated: CrossCorrelation | No
         expansion = _expansion(fields[names[0]], box, count)
         root = None if correlated is None or names != correlated.parameters else correlated.gaussian_root(fields)
         conditioned = [(name, fields[name]) for name in names if fields[name].boreholes is not None]
-        measured = tuple((name, field, _without_trend(field, depths[name])) for name, field in conditioned)
+        # Borehole values over what the trend multiplies the mean by.
+        measured = tuple(
+            (name, field, np.asarray(field.boreholes)[:, -1] / field.grown(np.array(depths[name])))
+            for name, field in conditioned
+        )
         conditioning = _conditioning(names, measured, expansion, box, root)
         shifted = measured if any(field.uncertain for _, field in conditioned) else ()
         return Group(names, expansion, box, root, conditioning, layer, measured=shifted)
@@ -317,11 +321,6 @@ def _expansion(field: RandomField, box: Box, count: int | None) -> kl.Expansion 
             f"measured are {count} terms where energy = {field.energy:g} takes {expansion.modes}: {REMEDY}"
         )
     return counted
-
-
-def _without_trend(field: RandomField, depths: tuple[float, ...]) -> np.ndarray:
-    """The borehole values (n,) of a field at depths (m), over what its trend multiplies the mean by."""
-    return np.asarray(field.boreholes)[:, -1] / field.grown(np.array(depths))
 
 
 def _conditioning(

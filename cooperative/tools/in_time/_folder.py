@@ -10,7 +10,7 @@ from cooperative.names import GRIDS
 from cooperative.reporting import GridProgress, Progress, controller_of
 from cooperative.scene import Campaign, campaign_of
 from cooperative.store import SLIDES, read_store
-from cooperative.tools.in_time._answer import InTime, NothingRuns, StateRunner, WaterState, answered, states_in_time
+from cooperative.tools.in_time._answer import InTime, NothingRuns, StateRunner, answered, states_in_time
 from cooperative.tools.in_time._chart import Chart, answered_chart, chains_on_chart, loads_of, states_on_chart
 from cooperative.tools.in_time._kept import Kept
 from cooperative.tools.in_time._slides import SlidesInTime, rows_of_slides, slides_of_rows, to_slide
@@ -100,11 +100,8 @@ def progress_in_time(folder: str | Path) -> Progress:
 def _reader(kept: Kept) -> StateRunner:
     """A runner that gives what is kept, and refuses to run anything."""
     campaign = campaign_of(kept.store)
-    return StateRunner(campaign, _states(campaign, kept), kept, None, NothingRuns(kept.store.folder))
-
-
-def _states(campaign: Campaign, kept: Kept) -> list[WaterState]:
-    return states_on_chart(loads_of(campaign)) if kept.chart else states_in_time(campaign)
+    states = states_on_chart(loads_of(campaign)) if kept.chart else states_in_time(campaign)
+    return StateRunner(campaign, states, kept, None, NothingRuns(kept.store.folder))
 
 
 def _known(kept: Kept, grid: str, campaign: Campaign, samples: int) -> int:
