@@ -39,10 +39,10 @@ def main() -> int:
         print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
         return 1 if failed else 0
     run = module(arguments.name).run
-    given = {name: value for name in ("data", "binary", "only") if (value := getattr(arguments, name)) is not None}
-    for name in given.keys() - inspect.signature(run).parameters.keys():
+    options = {name: value for name in ("data", "binary", "only") if (value := getattr(arguments, name)) is not None}
+    for name in options.keys() - inspect.signature(run).parameters.keys():
         parser.error(f"{arguments.name} takes no --{name}: leave it out")
-    report: Report = run(quick=arguments.quick, **given)
+    report: Report = run(quick=arguments.quick, **options)
     answer = as_json(arguments.name, report)
     print(answer if arguments.json else _table(report))
     if arguments.keep:

@@ -49,18 +49,18 @@ def read_rows(
                 row[name] = parse(cell)
             except ValueError as error:
                 raise ValueError(f"{where}: {name} = {cell!r}: {error}: mend or delete the line") from error
-        own = tuple(row[name] for name in key)
-        if own in rows:
+        row_key = tuple(row[name] for name in key)
+        if row_key in rows:
             raise ValueError(f"{where}: its run stands there twice: delete one of the two")
-        rows[own] = row
+        rows[row_key] = row
     return rows
 
 
 def head(path: Path) -> dict[str, Any]:
     """What the first line of a file, a comment, holds as JSON."""
     with path.open() as file:
-        known: dict[str, Any] = json.loads(file.readline().removeprefix("# "))
-    return known
+        values: dict[str, Any] = json.loads(file.readline().removeprefix("# "))
+    return values
 
 
 def text(cell: str) -> str:

@@ -107,9 +107,9 @@ def stored_row(folder: Path, name: str, make: Callable[[], dict[str, Any]]) -> d
 
 def peak_memory_mb() -> float:
     """Most memory that this process has held so far, in MB: of the first device, or its resident set on a CPU."""
-    held = jax.devices()[0].memory_stats()
-    if held is not None and "peak_bytes_in_use" in held:
-        return float(held["peak_bytes_in_use"]) / 2**20
+    stats = jax.devices()[0].memory_stats()
+    if stats is not None and "peak_bytes_in_use" in stats:
+        return float(stats["peak_bytes_in_use"]) / 2**20
     status = Path("/proc/self/status")
     if status.is_file():  # `ru_maxrss` is at least that of the process which started this one
         return int(status.read_text().partition("VmHWM:")[2].split()[0]) / 1024

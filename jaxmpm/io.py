@@ -226,11 +226,11 @@ def _fields_of(scene: Scene, state: State) -> dict[str, np.ndarray]:
     if list(history) == [""]:
         history = {"plastic_strain": history[""]}
     fields = {name: getattr(state, name) for name in ("displacement", "volume_ratio")}
-    known = jax.tree.map(jnp.asarray, state)
-    fields["stress"] = diagnostics.effective_stress(scene, known)
+    on_device = jax.tree.map(jnp.asarray, state)
+    fields["stress"] = diagnostics.effective_stress(scene, on_device)
     if scene.loads.water is not None or scene.loads.pore_pressure is not None:
-        fields["pore_pressure"] = diagnostics.pore_pressure(scene, known)
-    fields["velocity"] = _grid_velocity(scene, known)
+        fields["pore_pressure"] = diagnostics.pore_pressure(scene, on_device)
+    fields["velocity"] = _grid_velocity(scene, on_device)
     return {name: np.asarray(values) for name, values in (fields | history).items()}
 
 

@@ -33,10 +33,10 @@ BETWEEN_LOOKS = 5.0
 """Seconds from one look at the memory mappings to the next."""
 
 
-def known(flags: str) -> bool:
+def knows_flags(flags: str) -> bool:
     """Whether this jaxlib knows the flags: it ends the process where it meets one that it does not know."""
-    asked = [sys.executable, "-c", "from jaxlib import xla_client; xla_client.CompileOptions()"]
-    return subprocess.run(asked, env=os.environ | {"XLA_FLAGS": flags}, capture_output=True).returncode == 0
+    command = [sys.executable, "-c", "from jaxlib import xla_client; xla_client.CompileOptions()"]
+    return subprocess.run(command, env=os.environ | {"XLA_FLAGS": flags}, capture_output=True).returncode == 0
 
 
 # Where Python may write no bytecode, each process compiles all that it imports: most of what a short child takes.
@@ -47,7 +47,7 @@ if sys.dont_write_bytecode:
 
 # Before jax reads them; what the environment says already stands, here and below.
 if "XLA_FLAGS" not in os.environ:
-    os.environ["XLA_FLAGS"] = QUICK if known(QUICK) else ""
+    os.environ["XLA_FLAGS"] = QUICK if knows_flags(QUICK) else ""
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # no test reads where in Python an operation was written

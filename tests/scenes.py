@@ -48,6 +48,8 @@ GEF = """#GEFID= 1, 1, 0
 
 def write_gef(path, x, cone, *, y=433e3, top=-1.5, unit="MPa"):
     """A cone penetration test in GEF with readings of the cone each 0.1 m, and a sleeve friction of 3 %."""
-    rows = "\n".join(f"{0.1 * k:.2f};{each};{max(0.03 * each, -999999)};!" for k, each in enumerate(cone))
+    rows = "\n".join(
+        f"{0.1 * k:.2f};{resistance};{max(0.03 * resistance, -999999)};!" for k, resistance in enumerate(cone)
+    )
     path.write_text(GEF.format(unit=unit, count=len(cone), name=path.stem, x=x, y=y, top=top, rows=rows))
     return path

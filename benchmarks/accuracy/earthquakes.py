@@ -157,8 +157,8 @@ def shear_layer_row(share: float, quick: bool, ends: Literal["tied", "free field
     The record starts slowly, so that the layer's own oscillation is small; what is left of it is fitted beside.
     """
     start = time.perf_counter()
-    own = SHEAR_WAVE / (4 * LAYER)
-    frequency, amplitude, cell = share * own, 1.0, 2.0 if quick else 1.0
+    resonance = SHEAR_WAVE / (4 * LAYER)
+    frequency, amplitude, cell = share * resonance, 1.0, 2.0 if quick else 1.0
     omega = 2 * math.pi * frequency
     young = 2 * DENSITY * SHEAR_WAVE**2 * 1.3
     soil = mpm.Soil(unit_weight=DENSITY * GRAVITY, young=young, poisson=0.3)
@@ -178,7 +178,7 @@ def shear_layer_row(share: float, quick: bool, ends: Literal["tied", "free field
     depth = LAYER - float(np.asarray(scene.particles.position[1])[top].mean())
     at = np.array([int(one.step) for one in result.snapshots]) * float(scene.numerics.time_step)
     distance = np.array([np.asarray(one.displacement[0])[top].mean() for one in result.snapshots], float)
-    waves = [f(2 * math.pi * rate * at) for rate in {frequency, own} for f in (np.sin, np.cos)]
+    waves = [f(2 * math.pi * rate * at) for rate in {frequency, resonance} for f in (np.sin, np.cos)]
     sine, cosine, *_ = np.linalg.lstsq(np.stack(waves, axis=1), distance, rcond=None)[0]
     base = -amplitude / omega**2
     answer = math.hypot(sine + base, cosine) / abs(base)

@@ -32,8 +32,8 @@ def sent_back(wave: Literal["P", "S"], ends: Literal["free field", "roller"], ce
     """Largest speed after a pulse has met an end and had the time to come back, over that of the pulse."""
     soil = mpm.Soil(unit_weight=DENSITY * GRAVITY, young=2e7, poisson=0.0)
     numerics = mpm.Discretisation(cell, (cell / 2,) * 2)
-    drawn = mpm.Section([(0, HEIGHTS[wave]), (LENGTH, HEIGHTS[wave])])
-    scene, state = mpm.section(drawn, soil, numerics, ends=ends, gravity=0.0, speed=1.0)
+    ground = mpm.Section([(0, HEIGHTS[wave]), (LENGTH, HEIGHTS[wave])])
+    scene, state = mpm.section(ground, soil, numerics, ends=ends, gravity=0.0, speed=1.0)
     x, z = scene.particles.position
     pulse, none = SPEED * jnp.exp(-(((x - LENGTH + AWAY) / WIDTH) ** 2)), jnp.zeros_like(x)
     modulus = scene.material.p_wave_modulus if wave == "P" else scene.material.shear
@@ -75,8 +75,8 @@ def shaken(beside: float, ends: Literal["free field", "roller"], cell: float) ->
     phase = (math.pi * FREQUENCY * (times - 1.2 / FREQUENCY)) ** 2
     wavelet = (1 - 2 * phase) * np.exp(-phase)
     motion = mpm.BaseMotion(jnp.asarray(np.stack([wavelet, 0 * wavelet])), jnp.asarray(0.005))
-    drawn = mpm.Section([(-beside, CREST), (0, CREST), (12, TOE), (12 + beside, TOE)])
-    scene, state = mpm.section(drawn, soil, numerics, ends=ends, motion=motion, speed=1.0)
+    ground = mpm.Section([(-beside, CREST), (0, CREST), (12, TOE), (12 + beside, TOE)])
+    scene, state = mpm.section(ground, soil, numerics, ends=ends, motion=motion, speed=1.0)
     looks = np.linspace(0, SECONDS, 41)[1:].tolist()
     result = mpm.solve(scene, state, t_end=SECONDS, snapshots=looks).raise_if_failed()
     x, z = np.asarray(scene.particles.position)

@@ -51,10 +51,10 @@ def expansion_case(case: dict[str, Any], solver: Any, **truncation: Any) -> Made
     expansion = setup()
     count = case.get("batch", BATCH)
     coefficients = kl.monte_carlo(jax.random.key(0), count, expansion.modes)
-    held = [kl.field_on_lattice(expansion, coefficients, axes)]
+    buffer = [kl.field_on_lattice(expansion, coefficients, axes)]
 
     def batch() -> Any:
-        held[0] = kl.field_on_lattice(expansion, coefficients, axes, out=held[0]).block_until_ready()
+        buffer[0] = kl.field_on_lattice(expansion, coefficients, axes, out=buffer[0]).block_until_ready()
 
     captured = kl.captured_variance(expansion, pair_probes=PROBES)
     return (
@@ -75,10 +75,10 @@ def expansion_case(case: dict[str, Any], solver: Any, **truncation: Any) -> Made
 def haar(case: dict[str, Any]) -> Made:
     """Haar wavelet-Galerkin of one level on every axis, nearly all the variance that it holds."""
     level = case["parameter"]
-    held = 1.0
-    for each, size in zip(covariance_of(case["lengths"]), case["extent"], strict=True):
-        held *= float(axis_modes(each, kl.axis.Haar(level), 0.0, size).fractions.sum())
-    return expansion_case(case, kl.axis.Haar(level), energy=min(0.9999, held * 0.9999))
+    energy = 1.0
+    for correlation, size in zip(covariance_of(case["lengths"]), case["extent"], strict=True):
+        energy *= float(axis_modes(correlation, kl.axis.Haar(level), 0.0, size).fractions.sum())
+    return expansion_case(case, kl.axis.Haar(level), energy=min(0.9999, energy * 0.9999))
 
 
 def nystrom(case: dict[str, Any]) -> Made:

@@ -120,8 +120,10 @@ def with_profiles(rows: list[Row]) -> list[Row]:
         return rows
     finest, answer = np.array(rows[-1]["thickness"]), []
     for row in rows:
-        own = np.array(row["thickness"])
-        both = [np.pad(each, (0, max(own.size, finest.size) - each.size)) for each in (own, finest)]
+        thickness = np.array(row["thickness"])
+        both = [
+            np.pad(profile, (0, max(thickness.size, finest.size) - profile.size)) for profile in (thickness, finest)
+        ]
         apart = float(np.abs(both[0] - both[1]).sum() * STATION / 2 / rows[-1]["slid"])
         answer.append({k: v for k, v in row.items() if k != "thickness"} | {"profile": round(apart, 4)})
     return answer
@@ -157,16 +159,16 @@ def draw(rows: list[Row], folder: Path) -> None:
     no line, nor has sand that starts with noise.
     """
     figure, (left, right) = panels(1, 2, size=(4.6, 3.4))
-    drawn = [name for name in CASES if "buoyant_" not in name and "start_" not in name]
-    of_case = {name: [row for row in rows if row["case"] == name] for name in drawn}
-    for number, (name, mine) in enumerate(of_case.items()):
-        names = [each for each in RUN_OUTS if each in mine[-1]]
-        error = [max(abs(row[each] / mine[-1][each] - 1) for each in names) for row in mine[:-1]]
+    shown = [name for name in CASES if "buoyant_" not in name and "start_" not in name]
+    of_case = {name: [row for row in rows if row["case"] == name] for name in shown}
+    for number, (name, case_rows) in enumerate(of_case.items()):
+        names = [quantity for quantity in RUN_OUTS if quantity in case_rows[-1]]
+        error = [max(abs(row[quantity] / case_rows[-1][quantity] - 1) for quantity in names) for row in case_rows[:-1]]
         style = {"marker": "os^Dv*"[number % 6], "color": COLOURS[number], "label": name, "ms": 4}
         if CASES[name].obstacle is not None:
             style |= {"linestyle": ":"}
-        left.loglog([row["cell_m"] / CASES[name].default for row in mine[:-1]], error, **style)
-        right.loglog([row["seconds"] for row in mine[:-1]], error, **style)
+        left.loglog([row["cell_m"] / CASES[name].default for row in case_rows[:-1]], error, **style)
+        right.loglog([row["seconds"] for row in case_rows[:-1]], error, **style)
     left.set_xscale("log", base=2)
     left.set(xlabel="cell / default cell", ylabel="error of the run-out")
     right.set(xlabel="seconds")

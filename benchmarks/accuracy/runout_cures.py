@@ -111,8 +111,8 @@ CASES: Mapping[str, Case] = {
 def noise(slide: Slide) -> float:
     """Root mean square of the velocity that the grid does not resolve, over the soil that slid (m/s)."""
     sliding = np.linalg.norm(np.asarray(slide.state.displacement), axis=0) >= slide.slid
-    left = np.asarray(slide.state.velocity - diagnostics.grid_velocity(slide.scene, slide.state))[:, sliding]
-    return float(np.sqrt((left**2).sum(axis=0).mean()))
+    unresolved = np.asarray(slide.state.velocity - diagnostics.grid_velocity(slide.scene, slide.state))[:, sliding]
+    return float(np.sqrt((unresolved**2).sum(axis=0).mean()))
 
 
 def _seconds(slide: Slide) -> float:
@@ -130,7 +130,7 @@ def price(slide: Slide, reference: Slide) -> float:
 
 
 @cache
-def own(case: Case, cell: float) -> Slide:
+def default_slide(case: Case, cell: float) -> Slide:
     """The slide with its own choices on cells of this size (m)."""
     return case.make(cell, numerics=DEFAULTS, gap_memory=True)
 
@@ -151,10 +151,10 @@ def row(case: Case, cure: Cure, cells: tuple[float, ...]) -> dict[str, Any]:
     rows = [slide.row() for slide in slides]
     middle = len(cells) // 2
     return {
-        **{name: [round(each[name], 2) for each in rows] for name in RUN_OUTS},
+        **{name: [round(line[name], 2) for line in rows] for name in RUN_OUTS},
         "last_halving": round(max(abs(rows[-2][name] / rows[-1][name] - 1) for name in RUN_OUTS), 3),
         "noise_m_s": round(noise(slides[-1]), 4),
-        "price": round(price(slides[middle], own(case, cells[middle])), 2),
+        "price": round(price(slides[middle], default_slide(case, cells[middle])), 2),
         "end_s": round(float(slides[-1].state.step * slides[-1].scene.numerics.time_step), 1),
     }
 
@@ -173,5 +173,5 @@ def run(quick: bool) -> Report:
             for tried, cure in CURES.items()
             if not (name == "sand" and cure.numerics.get("fbar"))
         ]
-    values: dict[str, object] = {f"{each['case']}, {each['cure']}": each["last_halving"] for each in table}
+    values: dict[str, object] = {f"{line['case']}, {line['cure']}": line["last_halving"] for line in table}
     return Report(values, table)

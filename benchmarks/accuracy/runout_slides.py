@@ -102,7 +102,7 @@ class Slide:
     def row(self) -> Row:
         """Its measures."""
         arrays = (self.scene.particles.position, self.state.displacement, self.scene.particles.volume)
-        position, displacement, volume = (np.asarray(each, float) for each in arrays)
+        position, displacement, volume = (np.asarray(array, float) for array in arrays)
         row = measures(position, displacement, volume, origin=self.origin, half=self.cell / 4, slid=self.slid)
         return row | {"particles": volume.size}
 

@@ -169,7 +169,7 @@ def philip_rows(quick: bool) -> Iterator[Row]:
                 seepage.held_head("right", pressure_head=dry),
             )
             flow, seconds = clocked(partial(marched, problem, dry, [at], tolerance))
-            found = float(jnp.sum(flow.record.entered - flow.record.left)) / math.sqrt(at)
+            found = float(jnp.sum(flow.record.inflow - flow.record.outflow)) / math.sqrt(at)
             row = _row(f"Philip's sorptivity, {name}", cells, tolerance, right, found, flow, seconds)
             yield row | {"reference": right, "found": found}
 

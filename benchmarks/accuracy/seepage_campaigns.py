@@ -67,7 +67,7 @@ def rain_cost_rows(quick: bool) -> Iterator[dict[str, Any]]:
     """CPU seconds of both campaigns, each once what they compile is kept."""
     samples, refined = (12, 10) if quick else (SAMPLES, REFINED)
     still = SCENE.format(samples=samples, refined=refined)
-    moving = still + RAIN.format(times=", ".join(f'"{6 * each} h"' for each in range(1, 13)))
+    moving = still + RAIN.format(times=", ".join(f'"{6 * k} h"' for k in range(1, 13)))
     seconds = {}
     for name, text, command in (("without rain", still, "run"), ("rain at 12 times", moving, "seepage")):
         with tempfile.TemporaryDirectory() as folder:
@@ -75,7 +75,7 @@ def rain_cost_rows(quick: bool) -> Iterator[dict[str, Any]]:
             scene.write_text(text)
             options = ["--probability", "--refined-runs", str(refined)] if command == "seepage" else []
             for out in ("first", "second"):
-                asked = [command, str(scene), *options, "--workers", "1", "--out", str(Path(folder) / out)]
-                seconds[name] = _seconds(*asked)
+                arguments = [command, str(scene), *options, "--workers", "1", "--out", str(Path(folder) / out)]
+                seconds[name] = _seconds(*arguments)
         row = {"case": f"campaign, {name}", "samples": samples, "refined": refined}
         yield row | {"seconds": round(seconds[name], 1), "ratio": seconds[name] / seconds["without rain"]}

@@ -60,7 +60,7 @@ class Layered:
 
             inside = (z >= low) & (z <= top)
             u[inside] = of(z[inside] - low)[0]
-            value, derivative = (float(each) for each in of(top - low))
+            value, derivative = (float(part) for part in of(top - low))
             slope, low = k * math.exp(-self.alpha * top) * derivative, top
         return u, slope
 
@@ -215,7 +215,7 @@ def sorptivity(soil: Curves, wet: float, dry: float) -> float:
     """
 
     # Along the head: s' = -K / f, f' = -(s / 2) C, where f is the flux times sqrt(t), from the end inwards.
-    def left(flux: float) -> float:
+    def excess(flux: float) -> float:
         def slopes(head: float, state: np.ndarray) -> list[float]:
             s, f = state
             at = np.array(head)
@@ -230,7 +230,7 @@ def sorptivity(soil: Curves, wet: float, dry: float) -> float:
     low, high = 1e-12, 1.0
     for _ in range(200):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if left(middle) < 0 else (low, middle)
+        low, high = (middle, high) if excess(middle) < 0 else (low, middle)
         if high / low < 1 + 1e-10:
             break
     return 2 * math.sqrt(low * high)

@@ -73,8 +73,8 @@ def first_failures(
 ) -> tuple[np.ndarray, int]:
     """The state of its chain in which each sample fails first, of its answers (n, m), and how many runs that took."""
     first, runs = [], 0
-    for answers, own, lows in zip(fails, slices, chains, strict=True):
-        bracket, guess = Bracket.of(len(lows)), first_guess(own, lows, critical)
+    for answers, sample_factors, lows in zip(fails, slices, chains, strict=True):
+        bracket, guess = Bracket.of(len(lows)), first_guess(sample_factors, lows, critical)
         while (at := bracket.next(guess)) is not None:
             bracket = bracket.told(at, bool(answers[lows[at]]))
         first.append(lows[bracket.fails] if bracket.fails < bracket.count else fails.shape[1])
@@ -91,27 +91,27 @@ class Runs:
         chains: of the samples.
         rough: state in which each fails first.
         fine: the same on the refined grid.
-        each: runs on the rough grid for each sample.
+        per_sample: runs on the rough grid for each sample.
     """
 
     slices: np.ndarray
     chains: list[list[int]]
     rough: np.ndarray
     fine: np.ndarray
-    each: float
+    per_sample: float
 
     @classmethod
-    def drawn(
+    def sampled(
         cls, rng: np.random.Generator, mean: float, samples: int, under: np.ndarray,
         chain: Callable[[np.ndarray], Sequence[int]],
     ) -> Runs:  # fmt: skip
-        """Those of samples drawn."""
+        """The answers of random samples."""
         spread = math.sqrt(math.log1p(COV**2))
         cohesion = np.exp(math.log(mean) - spread**2 / 2 + spread * rng.standard_normal(samples))
         true = factors(cohesion, under)
         rough = true * ROUGH_BIAS * np.exp(ROUGH_NOISE * rng.standard_normal((samples, 1)))
         slices = true * np.exp(SLICES_NOISE * rng.standard_normal((samples, 1)))
-        chains = [list(chain(own)) for own in slices]
+        chains = [list(chain(sample_factors)) for sample_factors in slices]
         worst = int(np.argmin(true[0]))
         critical = critical_factor(slices[:10, worst].tolist(), (rough[:10, worst] < 1).tolist())
         first, runs = first_failures(rough < 1, slices, chains, critical)
@@ -122,16 +122,19 @@ def repetition(
     rng: np.random.Generator, mean: float, samples: int, audited: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Estimates (times, 3) with their intervals from the audit, those of the refined runs alone, and runs a sample."""
-    found = Runs.drawn(rng, mean, samples, pressure(HOURS), record_lows)
+    found = Runs.sampled(rng, mean, samples, pressure(HOURS), record_lows)
     both = in_time(found.rough, dict(enumerate(found.fine[:audited].tolist())), found.slices, len(HOURS))
     alone = in_time(found.fine, None, None, len(HOURS))
-    return *(np.array([(e.probability, *e.interval) for e in each]) for each in (both, alone)), found.each  # type: ignore[return-value]
+    audited_and_alone = (np.array([(e.probability, *e.interval) for e in estimates]) for estimates in (both, alone))
+    return *audited_and_alone, found.per_sample  # type: ignore[return-value]
 
 
 def chart(rng: np.random.Generator, mean: float, samples: int, audited: int) -> tuple[np.ndarray, float]:
     """Estimates (intensities, durations, 3) of the storms with their intervals, and runs a sample."""
     storms = pressure_of_storms(INTENSITIES[:, None], DURATIONS)
-    found = Runs.drawn(rng, mean, samples, storms.ravel(), lambda own: falling_chain(own).tolist())
+    found = Runs.sampled(
+        rng, mean, samples, storms.ravel(), lambda sample_factors: falling_chain(sample_factors).tolist()
+    )
     every = np.arange(storms.size)
 
     def under(first: np.ndarray) -> np.ndarray:
@@ -140,7 +143,7 @@ def chart(rng: np.random.Generator, mean: float, samples: int, audited: int) -> 
 
     fine = dict(enumerate(under(found.fine[:audited])))
     estimates = on_chart(under(found.rough), fine, found.slices.reshape(-1, *storms.shape))
-    return np.array([(e.probability, *e.interval) for e in estimates]).reshape(*storms.shape, 3), found.each
+    return np.array([(e.probability, *e.interval) for e in estimates]).reshape(*storms.shape, 3), found.per_sample
 
 
 def coverage_rows(quick: bool) -> Iterator[dict[str, Any]]:
@@ -151,14 +154,14 @@ def coverage_rows(quick: bool) -> Iterator[dict[str, Any]]:
         every = [repetition(rng, mean, samples, audited) for _ in range(count)]
         truth = exact(mean, np.maximum.accumulate(pressure(HOURS)))
         for number, name in enumerate(("both grids", "one grid")):
-            answers = np.array([each[number] for each in every])
+            answers = np.array([repeated[number] for repeated in every])
             holds = (answers[..., 1] <= truth) & (truth <= answers[..., 2])
             for at, hours in enumerate(HOURS):
                 yield {
                     "case": f"P_f of a {slope} slope by {hours:g} h, {name}", "exact": round(float(truth[at]), 4),
                     "mean": round(float(answers[:, at, 0].mean()), 4), "coverage": float(holds[:, at].mean()),
                     "width": round(float((answers[:, at, 2] - answers[:, at, 1]).mean()), 3),
-                    "runs_a_sample": round(float(np.mean([each[2] for each in every])), 2),
+                    "runs_a_sample": round(float(np.mean([repeated[2] for repeated in every])), 2),
                 }  # fmt: skip
 
 
@@ -168,7 +171,7 @@ def chart_coverage_rows(quick: bool) -> Iterator[dict[str, Any]]:
     mean = MEANS["firm"]
     rng = np.random.default_rng(64)
     every = [chart(rng, mean, samples, audited) for _ in range(count)]
-    answers = np.array([each[0] for each in every])
+    answers = np.array([repeated[0] for repeated in every])
     truth = exact(mean, pressure_of_storms(INTENSITIES[:, None], DURATIONS).ravel()).reshape(answers.shape[1:3])
     holds = (answers[..., 1] <= truth) & (truth <= answers[..., 2])
     for (i, j), chance in np.ndenumerate(truth):
@@ -176,7 +179,7 @@ def chart_coverage_rows(quick: bool) -> Iterator[dict[str, Any]]:
             "case": f"P_f of {INTENSITIES[i]:g} mm/h for {DURATIONS[j]:g} h", "exact": round(float(chance), 4),
             "mean": round(float(answers[:, i, j, 0].mean()), 4), "coverage": float(holds[:, i, j].mean()),
             "width": round(float((answers[:, i, j, 2] - answers[:, i, j, 1]).mean()), 3),
-            "runs_a_sample": round(float(np.mean([each[1] for each in every])), 2),
+            "runs_a_sample": round(float(np.mean([repeated[1] for repeated in every])), 2),
         }  # fmt: skip
     fine = np.geomspace(INTENSITIES[0], INTENSITIES[-1], 20001)
     for chance in LINES:
@@ -184,7 +187,9 @@ def chart_coverage_rows(quick: bool) -> Iterator[dict[str, Any]]:
             right = rate_at(chance, fine, exact(mean, pressure_of_storms(fine, hours)))
             if not np.isfinite(right):
                 continue
-            found = np.array([[rate_at(chance, INTENSITIES, each[:, j, k]) for k in (0, 2, 1)] for each in answers])
+            found = np.array(
+                [[rate_at(chance, INTENSITIES, repeated[:, j, k]) for k in (0, 2, 1)] for repeated in answers]
+            )
             # An end beyond the chart is no bound.
             low, high = np.nan_to_num(found[:, 1], nan=0.0), np.nan_to_num(found[:, 2], nan=np.inf)
             yield {

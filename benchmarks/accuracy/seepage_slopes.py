@@ -80,9 +80,9 @@ def free_surface_row(cell: float) -> dict[str, Any]:
             seepage.open_face("left", level=LEVELS[0]), seepage.open_face("right", level=LEVELS[1]),
         )  # fmt: skip
         head, converged = seepage.steady(problem, seepage.hydrostatic(problem, LEVELS[0]))
-        x, z, known = np.array(PRESSURES).T
+        x, z, expected = np.array(PRESSURES).T
         found = np.asarray(seepage.Heads.of(problem, head).pressure(np.stack([x, z]), WATER))
-    off = np.maximum(found, 0) - known
+    off = np.maximum(found, 0) - expected
     fall = WATER * (LEVELS[0] - LEVELS[1])
     return {
         "case": f"free surface in a slope, cells of {cell:g} m", "converged": bool(converged),

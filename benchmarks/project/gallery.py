@@ -129,13 +129,13 @@ def picture(campaign: Campaign) -> Figure:
     plane = plots.plane_at(ground.grids["refined"], ground.middle)
     position, half = plots.section_of(ground.grids["refined"], plane)
     name = next(iter(campaign.random))
-    drawn = plots.quantity(name)
-    values = soil_of(model, coefficients_of(campaign, model.soil)[0]).values[name][plane] / drawn.size
+    quantity = plots.quantity(name)
+    values = soil_of(model, coefficients_of(campaign, model.soil)[0]).values[name][plane] / quantity.size
     length, height = np.ptp(position, axis=1)
     figure, (ax,) = panels(1, size=(4.8, 3.8 * height / length + 0.6))
     norm = Normalize(float(np.nanmin(values)), float(np.nanmax(values)))
     boxes = plots.draw_particles(ax, position, half, values, "cividis", norm)
-    figure.colorbar(boxes, ax=ax, label=f"{drawn.symbol} [{drawn.unit}]", aspect=12)
+    figure.colorbar(boxes, ax=ax, label=f"{quantity.symbol} [{quantity.unit}]", aspect=12)
     return figure
 
 
@@ -143,10 +143,10 @@ def cost(parts: list[Campaign], seconds: float) -> str:
     """Particles of both grids and the most hours of one core, in words."""
     result = [cost_of(part, seconds / len(parts)) for part in parts]
     sizes = result[0].sizes
-    hours = sum(each.hours(grid) for each in result for grid in each.sizes)
+    hours = sum(part_cost.hours(grid) for part_cost in result for grid in part_cost.sizes)
     minutes = f"{60 * hours:.0f} minutes" if 60 * hours >= 1.5 else "a minute"
     duration = minutes if hours < 1 else f"{float(f'{hours:.2g}'):,g} hours"
-    rough, refined = (sum(each.runs[grid] for each in result) for grid in ("rough", "refined"))
+    rough, refined = (sum(part_cost.runs[grid] for part_cost in result) for grid in ("rough", "refined"))
     grids = " and ".join(f"{size.particles:,.0f}" for size in sizes.values())
     return f"{rough:,} rough and at most {refined:,} refined runs of {grids} particles: {duration}"
 

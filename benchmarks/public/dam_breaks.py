@@ -126,10 +126,10 @@ def _only(scene: mpm.Scene, state: mpm.State, kept: np.ndarray) -> tuple[mpm.Sce
     return scene, mpm.unstressed(scene)
 
 
-def depth_of(known: dict[str, Any], gravity: float, x: np.ndarray, t: float) -> np.ndarray:
+def depth_of(case: dict[str, Any], gravity: float, x: np.ndarray, t: float) -> np.ndarray:
     """Mangeney's depth (m) at x (m) and t (s); Ritter's without slope."""
-    c0, m, h0 = known["c0_m_s"], known["m_m_s2"], known["h0_m"]
-    fan = (2 * c0 - x / t + m * t / 2) ** 2 / (9 * gravity * math.cos(math.radians(known["slope_deg"])))
+    c0, m, h0 = case["c0_m_s"], case["m_m_s2"], case["h0_m"]
+    fan = (2 * c0 - x / t + m * t / 2) ** 2 / (9 * gravity * math.cos(math.radians(case["slope_deg"])))
     return np.where(x < m * t**2 / 2 - c0 * t, h0, np.where(x > m * t**2 / 2 + 2 * c0 * t, 0.0, fan))
 
 
@@ -173,22 +173,22 @@ def compared(
 def fan(data: Path, name: str, kind: str, cells: int, finest: bool, last: int) -> list[Row]:
     """Ritter's or Mangeney's reservoir, so many cells deep, up to the time of number `last`."""
     start, values = time.perf_counter(), json.loads((data / "dam_breaks" / "values.json").read_text())
-    known, gravity = values[kind], values["gravity_m_s2"]
-    times = sorted(float(t) for t in known["front_m"])[: last + 1]
-    h0, t = known["h0_m"], times[-1]
+    case, gravity = values[kind], values["gravity_m_s2"]
+    times = sorted(float(t) for t in case["front_m"])[: last + 1]
+    h0, t = case["h0_m"], times[-1]
     cell = h0 / cells
-    slope, delta = math.radians(known["slope_deg"]), math.radians(known["basal_friction_deg"])
+    slope, delta = math.radians(case["slope_deg"]), math.radians(case["basal_friction_deg"])
     step = 4 * h0
     lengths = (
-        math.ceil((2.2 * known["c0_m_s"] * t + h0) / step) * step,
-        math.ceil((known["front_m"][str(t)] * 1.15 + h0) / step) * step,
+        math.ceil((2.2 * case["c0_m_s"] * t + h0) / step) * step,
+        math.ceil((case["front_m"][str(t)] * 1.15 + h0) / step) * step,
     )
     area, at, moved = released((h0, 0.0), lengths, cell, times, gravity=gravity, slope=slope, friction=math.tan(delta))
     rows = []
     for seconds, x in zip(at, moved, strict=True):
         rows += compared(
             name,
-            partial(depth_of, known, gravity, t=seconds),
+            partial(depth_of, case, gravity, t=seconds),
             x,
             area,
             seconds,
@@ -197,7 +197,7 @@ def fan(data: Path, name: str, kind: str, cells: int, finest: bool, last: int) -
             cell=cell,
             finest=finest,
             station=h0 / 4,
-            foremost=known["m_m_s2"] * seconds**2 / 2 + 2 * known["c0_m_s"] * seconds,
+            foremost=case["m_m_s2"] * seconds**2 / 2 + 2 * case["c0_m_s"] * seconds,
             figure="mangeney_front_error" if "Mangeney" in name and seconds == at[-1] else None,
         )
     return rows
@@ -216,8 +216,8 @@ def middle_depth(h0: float, ahead: float, gravity: float) -> float:
 def stoker(data: Path, cells: int, finest: bool) -> list[Row]:
     """Stoker's reservoir on water, the depth ahead of it `cells` deep."""
     start, values = time.perf_counter(), json.loads((data / "dam_breaks" / "values.json").read_text())
-    (known, *_), gravity = values["stoker"], values["gravity_m_s2"]
-    h0, ahead = known["h0_m"], known["hr_m"]
+    (case, *_), gravity = values["stoker"], values["gravity_m_s2"]
+    h0, ahead = case["h0_m"], case["hr_m"]
     h = middle_depth(h0, ahead, gravity)
     c0, um = math.sqrt(gravity * h0), 2 * (math.sqrt(gravity * h0) - math.sqrt(gravity * h))
     shock, cell, t = h * um / (h - ahead), ahead / cells, 6 * h0 / c0

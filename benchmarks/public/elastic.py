@@ -76,9 +76,9 @@ def cantilever(data: Path, cell: float, finest: bool) -> list[Row]:
     with MUSL, or with two particles, it tears. The corner's motion is extrapolated from the four particles next to it.
     """
     start = time.perf_counter()
-    given = json.loads((data / "cantilever" / "setup.json").read_text())
-    length, height = given["geometry"]["length_m"], given["geometry"]["height_m"]
-    soil, gravity, t_end = given["soil"], 9.8, given["time_s"]
+    setup = json.loads((data / "cantilever" / "setup.json").read_text())
+    length, height = setup["geometry"]["length_m"], setup["geometry"]["height_m"]
+    soil, gravity, t_end = setup["soil"], 9.8, setup["time_s"]
     with jax.enable_x64(True):
         scene, state = mpm.block(
             (length, height),
@@ -126,52 +126,52 @@ def cbgeo(data: Path, cell: float) -> list[Row]:
         data: folder.
         cell: of the block's grid (m); the block is 1 m high.
     """
-    given = json.loads((data / "cbgeo" / "cases.json").read_text())
+    cases = json.loads((data / "cbgeo" / "cases.json").read_text())
     with jax.enable_x64(True):
-        return [*block(given, cell), *bar(given), *column(given), *uniaxial(given)]
+        return [*block(cases, cell), *bar(cases), *column(cases), *uniaxial(cases)]
 
 
 def _exact(what: str, ours: float, theirs: float, start: float, cell: float | None = None) -> Row:
     return row(f"CB-Geo, {what}", "exact", ours, theirs, start, cell=cell, figure="exact_error_max", finest=True)
 
 
-def block(given: dict[str, Any], cell: float) -> list[Row]:
+def block(cases: dict[str, Any], cell: float) -> list[Row]:
     """The travel of a stiff block down an incline."""
-    start, known = time.perf_counter(), given["sliding_block_2d"]
-    t_end = known["asserted_after_step_99000"]["time_s"]
+    start, case = time.perf_counter(), cases["sliding_block_2d"]
+    t_end = case["asserted_after_step_99000"]["time_s"]
     scene, state = earthquakes.block(
-        cell, 1e8, tilt=math.radians(known["incline_deg"]), friction=known["friction"], scheme=mpm.Scheme.MUSL
+        cell, 1e8, tilt=math.radians(case["incline_deg"]), friction=case["friction"], scheme=mpm.Scheme.MUSL
     )
     ended = mpm.solve(scene, state, t_end=t_end).raise_if_failed()
     seconds = float(ended.state.step) * float(scene.numerics.time_step)
-    exact = known["exact"]["a_m_s2"] * seconds**2 / 2
+    exact = case["exact"]["a_m_s2"] * seconds**2 / 2
     return [_exact("travel of a block (m)", float(ended.state.displacement[0].mean()), exact, start, cell)]
 
 
-def bar(given: dict[str, Any]) -> list[Row]:
+def bar(cases: dict[str, Any]) -> list[Row]:
     """The stress of a bar whose end force grows over half a second, at the times that CB-Geo asserts.
 
     The end force acts on the last particle, and the stress is the mean over the cells that it does not act on. As in
     the source velocities are those of the grid (PIC), which damps the bar's vibration: the stress is the static one at
     the last two times, and carries inertia of 1 % at the first two, where CB-Geo's particles stand beside it.
     """
-    start, known = time.perf_counter(), given["uniaxial_traction_2d_nodal_forces"]
-    length, cell = known["bar_m"][0], known["bar_m"][0] / known["cells"]
-    spacing, density = cell / 4, known["density_kg_m3"]
+    start, case = time.perf_counter(), cases["uniaxial_traction_2d_nodal_forces"]
+    length, cell = case["bar_m"][0], case["bar_m"][0] / case["cells"]
+    spacing, density = cell / 4, case["density_kg_m3"]
 
     def pull(position: Array, t: Array) -> Array:
         last = position[0] > length - spacing
         return jnp.where(last, jnp.minimum(t / 0.5, 1) / (spacing * density), 0)[None]
 
-    soil = mpm.Soil(unit_weight=9.81 * density, young=known["young_modulus_Pa"], poisson=0.0)
+    soil = mpm.Soil(unit_weight=9.81 * density, young=case["young_modulus_Pa"], poisson=0.0)
     scene, state = mpm.bar(length, soil, mpm.Discretisation(cell, (spacing,), cfl=0.316, flip=0.0), velocity=0.0)
     scene = replace(scene, loads=replace(scene.loads, body_force=pull))
     inside = np.asarray(scene.particles.position[0]) < length - cell
-    steps = [int(name.split()[1]) for name in known["asserted_sigma_xx_Pa"]]
-    times = [known["step_s"] * n for n in steps]
+    steps = [int(name.split()[1]) for name in case["asserted_sigma_xx_Pa"]]
+    times = [case["step_s"] * n for n in steps]
     ended = mpm.solve(scene, state, t_end=1.0, snapshots=times).raise_if_failed()
     rows = []
-    for (name, asserted), t, one in zip(known["asserted_sigma_xx_Pa"].items(), times, ended.snapshots, strict=True):
+    for (name, asserted), t, one in zip(case["asserted_sigma_xx_Pa"].items(), times, ended.snapshots, strict=True):
         stress = float(np.asarray(one.stress[0])[inside].mean())
         what = f"stress of a bar at {t:g} s (Pa)"
         if t > 0.7:
@@ -185,30 +185,28 @@ def bar(given: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def column(given: dict[str, Any]) -> list[Row]:
+def column(cases: dict[str, Any]) -> list[Row]:
     """The stress of a column after a tenth of a second at rest: its lowest and highest particle."""
-    start, known = time.perf_counter(), given["hydrostatic_column_2d"]
-    height, cell = known["box_m"]["height_particles"], 0.004
-    soil = mpm.Soil(
-        unit_weight=9.81 * known["density_kg_m3"], young=known["young_modulus_Pa"], poisson=known["poisson"]
-    )
-    scene, state = mpm.column(height, soil, mpm.Discretisation(cell, (cell / 2,) * 2), gravity=known["g_m_s2"])
-    ended = mpm.solve(scene, state, t_end=known["step_s"] * known["steps"]).raise_if_failed()
+    start, case = time.perf_counter(), cases["hydrostatic_column_2d"]
+    height, cell = case["box_m"]["height_particles"], 0.004
+    soil = mpm.Soil(unit_weight=9.81 * case["density_kg_m3"], young=case["young_modulus_Pa"], poisson=case["poisson"])
+    scene, state = mpm.column(height, soil, mpm.Discretisation(cell, (cell / 2,) * 2), gravity=case["g_m_s2"])
+    ended = mpm.solve(scene, state, t_end=case["step_s"] * case["steps"]).raise_if_failed()
     z, stress = np.asarray(scene.particles.position[1]), np.asarray(ended.state.stress[2])
     lowest, highest = stress[z == z.min()].mean(), stress[z == z.max()].mean()
-    exact = known["exact"]
+    exact = case["exact"]
     return [
         _exact("column, lowest particle (Pa)", lowest, exact["sigma_yy_bottom_particle_Pa"], start, cell),
         _exact("column, highest particle (Pa)", highest, exact["sigma_yy_top_particle_Pa"], start, cell),
     ]
 
 
-def uniaxial(given: dict[str, Any]) -> list[Row]:
+def uniaxial(cases: dict[str, Any]) -> list[Row]:
     """The stress of one element that is compressed along one axis, the others free."""
-    start, known = time.perf_counter(), given["uniaxial_stress_2d_3d"]
-    soil = mpm.Soil(young=known["young_modulus_Pa"], poisson=known["poisson"], unusual=True)
-    strain = -known["top_speed_m_s"] * known["step_s"] * known["steps"] / known["box_m"]
+    start, case = time.perf_counter(), cases["uniaxial_stress_2d_3d"]
+    soil = mpm.Soil(young=case["young_modulus_Pa"], poisson=case["poisson"], unusual=True)
+    strain = -case["top_speed_m_s"] * case["step_s"] * case["steps"] / case["box_m"]
     law = soil.material(np.dtype(float), 1.0)
-    tested = element_test(law, "triaxial drained", pressure=0.0, strain=strain, steps=known["steps"])
+    tested = element_test(law, "triaxial drained", pressure=0.0, strain=strain, steps=case["steps"])
     answer = -float(tested.vertical_stress[-1])
-    return [_exact("uniaxial stress (Pa)", answer, known["asserted"]["sigma_yy_Pa"], start)]
+    return [_exact("uniaxial stress (Pa)", answer, case["asserted"]["sigma_yy_Pa"], start)]

@@ -28,8 +28,8 @@ DENSITY, YOUNG, FASTEST = 2000.0, 5e7, 120.0
 
 def published(data: Path) -> tuple[np.ndarray, np.ndarray]:
     """The bed (m) and the pile's vertical thickness (m), x and y from the south-western corner."""
-    with np.load(data / "frank_slide" / "rasters.npz") as held:
-        bed, pile = (held[name][::-1].T.astype(float) for name in ("bed_m", "pile_vertical_m"))
+    with np.load(data / "frank_slide" / "rasters.npz") as file:
+        bed, pile = (file[name][::-1].T.astype(float) for name in ("bed_m", "pile_vertical_m"))
     return bed, pile
 
 
@@ -49,7 +49,7 @@ def built(
 def slide(data: Path, delta: int, cell: float, finest: bool) -> list[Row]:
     """Travel of the centroid against time, area that is 1 and 2 m thick, and overlap of the deposits."""
     start, folder = time.perf_counter(), data / "frank_slide"
-    known = json.loads((folder / "summary.json").read_text())[f"delta_{delta}"]
+    published_run = json.loads((folder / "summary.json").read_text())[f"delta_{delta}"]
     series = np.genfromtxt(folder / f"shaltop_delta{delta}_series.csv", delimiter=",", names=True)[1:]
     bed, pile = published(data)
     with warnings.catch_warnings():
@@ -59,7 +59,7 @@ def slide(data: Path, delta: int, cell: float, finest: bool) -> list[Row]:
     ended.raise_if_failed()
     volume = np.asarray(scene.particles.volume, float)
     moved = [np.asarray(one.displacement, float) for one in ended.snapshots]
-    travel = [float(np.linalg.norm((each[:2] * volume).sum(axis=1)) / volume.sum()) for each in moved]
+    travel = [float(np.linalg.norm((displacement[:2] * volume).sum(axis=1)) / volume.sum()) for displacement in moved]
 
     def one(
         quantity: str, ours: float, theirs: float, figure: str | None = None, difference: float | None = None
@@ -67,23 +67,25 @@ def slide(data: Path, delta: int, cell: float, finest: bool) -> list[Row]:
         name = f"Frank slide, {delta} degrees"
         return row(name, quantity, ours, theirs, start, cell=cell, figure=figure, finest=finest, difference=difference)
 
-    rows = [one("volume (Mm3)", volume.sum() / 1e6, known["volume_start_m3"] / 1e6)]
+    rows = [one("volume (Mm3)", volume.sum() / 1e6, published_run["volume_start_m3"] / 1e6)]
     rows += [
         one(f"travel of the centroid at {t:g} s (m)", ours, theirs)
         for t, ours, theirs in zip(series["t_s"][:-1:2], travel[::2], series["centroid_travel_m"][::2], strict=False)
     ]
-    rows.append(one("travel of the centroid (m)", travel[-1], known["centroid_travel_m"], "frank_travel_error_max"))
+    rows.append(
+        one("travel of the centroid (m)", travel[-1], published_run["centroid_travel_m"], "frank_travel_error_max")
+    )
     # Thickness on squares of a cell, each of some of their squares, whose centres are the points of the raster.
     at, times = (np.asarray(scene.particles.position, float) + moved[-1])[:2], round(cell / STEP)
     counts = [n // times for n in bed.shape]
     edges = [np.arange(n + 1) * cell - STEP / 2 for n in counts]
     ours = np.histogram2d(at[0], at[1], bins=edges, weights=volume)[0] / cell**2
-    with np.load(folder / f"shaltop_delta{delta}.npz") as held:
-        deposit = held["thickness_vertical_end_m"][::-1].T.astype(float)
+    with np.load(folder / f"shaltop_delta{delta}.npz") as file:
+        deposit = file["thickness_vertical_end_m"][::-1].T.astype(float)
     blocks = deposit[: counts[0] * times, : counts[1] * times].reshape(counts[0], times, counts[1], times)
     theirs = blocks.mean(axis=(1, 3))
     for least in (1.0, 2.0):
-        here, there = (float((each > least).sum()) * cell**2 / 1e6 for each in (ours, theirs))
+        here, there = (float((thickness > least).sum()) * cell**2 / 1e6 for thickness in (ours, theirs))
         rows.append(one(f"area above {least:g} m (km2)", here, there))
     both, either = ((ours > 1) & (theirs > 1)).sum(), ((ours > 1) | (theirs > 1)).sum()
     return [*rows, one("overlap over union of the deposits above 1 m", both / either, 1.0)]

@@ -100,7 +100,7 @@ def released(
     stress = state.stress.at[0].set(lateral).at[1].set(lateral).at[2].set(vertical)
     ended = mpm.solve(scene, replace(state, stress=stress), t_end=t_end).raise_if_failed()
     arrays = scene.particles.position, ended.state.displacement, scene.particles.volume
-    position, displacement, volume = (np.asarray(each, float) for each in arrays)
+    position, displacement, volume = (np.asarray(array, float) for array in arrays)
     return position, displacement, volume
 
 
@@ -116,22 +116,22 @@ def bui(data: Path, cell: float, converted: bool, finest: bool) -> list[Row]:
     """
     start = time.perf_counter()
     folder = data / "bui_2008"
-    given = json.loads((folder / "setup.json").read_text())
-    (known,) = (soil for name, soil in given["soil_by_source"].items() if name.startswith("MaterialPointSolver"))
-    width, height = given["geometry"]["width_m"], given["geometry"]["height_m"]
-    phi = known["phi_deg"]
+    setup = json.loads((folder / "setup.json").read_text())
+    (source_soil,) = (soil for name, soil in setup["soil_by_source"].items() if name.startswith("MaterialPointSolver"))
+    width, height = setup["geometry"]["width_m"], setup["geometry"]["height_m"]
+    phi = source_soil["phi_deg"]
     if converted:
         phi = math.degrees(math.asin(math.tan(math.radians(phi))))
     soil = mpm.FrictionalSoil(
         0.0,
         phi,
-        unit_weight=9.81 * known["density_kg_m3"],
-        young=known["young_modulus_Pa"],
-        poisson=known["poisson"],
+        unit_weight=9.81 * source_soil["density_kg_m3"],
+        young=source_soil["young_modulus_Pa"],
+        poisson=source_soil["poisson"],
         tension_cutoff=0.0,
         unusual=True,
     )
-    position, displacement, volume = released((width, height), 0.8, soil, cell, known["g_m_s2"], 1.0)
+    position, displacement, volume = released((width, height), 0.8, soil, cell, source_soil["g_m_s2"], 1.0)
     x = (position + displacement)[0]
     measured_x, measured_z = np.loadtxt(folder / "surface.csv", delimiter=",", skiprows=1).T
     edges = np.arange(0.0, 0.8 + STATION / 2, STATION)
@@ -181,14 +181,14 @@ def column(data: Path, aspect: float, cell: float, finest: bool, setting: str = 
     """
     start = time.perf_counter()
     folder = data / "sand_columns"
-    given = json.loads((folder / "setup.json").read_text())
-    known, radius = given["soil"], given["geometry"]["radius_m"]
+    setup = json.loads((folder / "setup.json").read_text())
+    source_soil, radius = setup["soil"], setup["geometry"]["radius_m"]
     soil = mpm.FrictionalSoil(
         0.0,
-        known["phi_deg"],
-        unit_weight=9.81 * known["density_kg_m3"],
-        young=known["young_modulus_Pa"],
-        poisson=known["poisson"],
+        source_soil["phi_deg"],
+        unit_weight=9.81 * source_soil["density_kg_m3"],
+        young=source_soil["young_modulus_Pa"],
+        poisson=source_soil["poisson"],
         law=DruckerPrager,
         matching=Matching.EXTENSION,
         tension_cutoff=0.0,
@@ -200,8 +200,8 @@ def column(data: Path, aspect: float, cell: float, finest: bool, setting: str = 
         length,
         soil,
         cell,
-        given["g_m_s2"],
-        given["time_s"],
+        setup["g_m_s2"],
+        setup["time_s"],
         inside=lambda at: np.hypot(at[0], at[1]) < radius,
         setting=setting,
     )

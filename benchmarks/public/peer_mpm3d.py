@@ -166,7 +166,7 @@ def ours(case: Case, nudge: float = 0.0) -> np.ndarray:
 
         @jax.jit
         def moved(carry: tuple[mpm.State, Array], end: Array) -> tuple[mpm.State, Array]:
-            return jax.lax.while_loop(lambda each: each[1] < end, advanced, carry)
+            return jax.lax.while_loop(lambda carried: carried[1] < end, advanced, carry)
 
         carry, seen = (state, jnp.zeros(())), []
         for end in case.times:
@@ -256,7 +256,7 @@ def pictures(text: str) -> list[np.ndarray]:
 
 def compared(case: Case, there: np.ndarray) -> dict[str, Any]:
     """Differences from positions of MPM3D-F90 (times, 2, N) m, and both fronts beyond the toe at the end (m)."""
-    own = ours(case)
+    displacement = ours(case)
     with patch("jaxmpm.equations._maps.MASS_FLOOR", LIGHTEST):
         here, nudged = ours(case), ours(case, NUDGE)
     apart = np.linalg.norm(here - there, axis=1)
@@ -270,8 +270,8 @@ def compared(case: Case, there: np.ndarray) -> dict[str, Any]:
         "largest_m": apart.max(axis=1).tolist(),
         "median_m": np.median(apart, axis=1).tolist(),
         "nudged_m": np.linalg.norm(nudged - here, axis=1).max(axis=1).tolist(),
-        "own_floor_m": np.linalg.norm(own - there, axis=1).max(axis=1).tolist(),
-        "front_m": front(own[-1]),
+        "own_floor_m": np.linalg.norm(displacement - there, axis=1).max(axis=1).tolist(),
+        "front_m": front(displacement[-1]),
         "their_front_m": front(there[-1]),
     }
 

@@ -54,10 +54,10 @@ def folder(data: Path | None) -> Path:
     Raises:
         ValueError: If none is given, or it is no folder of them.
     """
-    given = os.environ.get(VARIABLE) if data is None else str(data)
-    if not given:
+    folder = os.environ.get(VARIABLE) if data is None else str(data)
+    if not folder:
         raise ValueError(f"the data of others are not part of this project: give --data FOLDER or set {VARIABLE}")
-    found = Path(given)
+    found = Path(folder)
     if not (found / "cantilever").is_dir():
         raise ValueError(f"{found} has no folder `cantilever`: give the folder that holds one folder a case")
     return found

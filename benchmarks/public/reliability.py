@@ -299,18 +299,20 @@ def by_openturns(problem: Problem, kind: str, seed: int) -> Answer:
 THEIRS = ("Monte Carlo", "FORM and importance sampling", "subset sampling")
 
 
-def repeated(name: str, estimator: str, run: Callable[[int], Answer], pf: float, times: int, *, own: bool) -> list[Row]:
+def repeated(
+    name: str, estimator: str, run: Callable[[int], Answer], pf: float, times: int, *, ours: bool
+) -> list[Row]:
     """Coverage, error and calls of so many repetitions."""
     start = time.perf_counter()
     answers = [run(seed) for seed in range(times)]
-    held = np.mean([low <= pf <= high for low, high in (answer.interval for answer in answers)])
+    coverage = np.mean([low <= pf <= high for low, high in (answer.interval for answer in answers)])
     off = np.array([answer.probability for answer in answers]) / pf - 1
     calls, error = float(np.mean([answer.calls for answer in answers])), float(np.sqrt(np.mean(off**2)))
-    case = f"{name}, {estimator}" + ("" if own else " of OpenTURNS")
+    case = f"{name}, {estimator}" + ("" if ours else " of OpenTURNS")
     shown = partial(row, case, start=start)
-    figure, off_by = "reliability_coverage_min" if own else None, float(held) - 0.95
+    figure, off_by = "reliability_coverage_min" if ours else None, float(coverage) - 0.95
     return [
-        shown("coverage of the 95 % interval", float(held), 0.95, difference=off_by, figure=figure, finest=own),
+        shown("coverage of the 95 % interval", float(coverage), 0.95, difference=off_by, figure=figure, finest=ours),
         shown("mean P_f", pf * (1 + float(off.mean())), pf),
         shown("root mean square error over P_f", error, 0.0, difference=error),
         shown("calls", calls, 0.0, difference=calls),
@@ -320,11 +322,14 @@ def repeated(name: str, estimator: str, run: Callable[[int], Answer], pf: float,
 
 def compared(data: Path, name: str, quick: bool) -> list[Row]:
     """All estimators on one problem, OpenTURNS' where it is installed."""
-    known = {each["name"]: each["own_pf"] for each in json.loads((data / "otbenchmark" / "problems.json").read_text())}
-    problem, pf = PROBLEMS[name], known[name]
+    references = {
+        reference["name"]: reference["own_pf"]
+        for reference in json.loads((data / "otbenchmark" / "problems.json").read_text())
+    }
+    problem, pf = PROBLEMS[name], references[name]
     rows = []
     for estimator, run in estimators(problem, pf).items():
-        rows += repeated(name, estimator, run, pf, 5 if quick else 100, own=True)
+        rows += repeated(name, estimator, run, pf, 5 if quick else 100, ours=True)
     try:
         import openturns  # noqa: F401
     except ImportError:
@@ -333,7 +338,7 @@ def compared(data: Path, name: str, quick: bool) -> list[Row]:
         if kind == "Monte Carlo" and 100 / pf > MOST:
             continue
         try:
-            rows += repeated(name, kind, partial(by_openturns, problem, kind), pf, 2 if quick else 20, own=False)
+            rows += repeated(name, kind, partial(by_openturns, problem, kind), pf, 2 if quick else 20, ours=False)
         except RuntimeError as error:
             rows.append(without_answer(f"{name}, {kind} of OpenTURNS", f"no answer: {error}"))
     return rows

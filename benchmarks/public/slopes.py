@@ -39,8 +39,8 @@ class Strata:
 
     def layers(self, lam: float, weight: float) -> list[Layer]:
         """Associated soil of Davis B at lambda, its weight multiplied."""
-        given = [*self.bottoms, None]
-        return [Layer(soil_of(each, lam, weight), bottom) for each, bottom in zip(self.soils, given, strict=True)]
+        bottoms = [*self.bottoms, None]
+        return [Layer(soil_of(soil, lam, weight), bottom) for soil, bottom in zip(self.soils, bottoms, strict=True)]
 
 
 def davis(c: float, phi: float, lam: float) -> tuple[float, float]:
@@ -56,36 +56,36 @@ def davis(c: float, phi: float, lam: float) -> tuple[float, float]:
     return share * c / lam, math.degrees(math.atan(share * math.tan(reduced)))
 
 
-def soil_of(given: dict[str, Any], lam: float, weight: float) -> FrictionalSoil:
+def soil_of(zone: dict[str, Any], lam: float, weight: float) -> FrictionalSoil:
     """A zone's associated soil. `unit_weight_saturated_N_m3` is what the source's code takes everywhere."""
-    c, phi = davis(given["c_Pa"], given["phi_deg"], lam)
+    c, phi = davis(zone["c_Pa"], zone["phi_deg"], lam)
     return FrictionalSoil(
-        c, phi, dilation=phi, unit_weight=given["unit_weight_saturated_N_m3"] * weight, young=1e8, unusual=True
+        c, phi, dilation=phi, unit_weight=zone["unit_weight_saturated_N_m3"] * weight, young=1e8, unusual=True
     )
 
 
 def homogeneous(data: Path) -> Strata:
     """The slope of one soil."""
-    given = json.loads((data / "slopes_petsc" / "homogeneous_2d.json").read_text())
-    surface = [(x, z) for x, z in reversed(given["outline_xz_m"]) if z > 0]
-    return Strata(Section(surface), given["soil"], [])
+    source = json.loads((data / "slopes_petsc" / "homogeneous_2d.json").read_text())
+    surface = [(x, z) for x, z in reversed(source["outline_xz_m"]) if z > 0]
+    return Strata(Section(surface), source["soil"], [])
 
 
 def kozinec(data: Path) -> Strata:
     """The slope of Kozinec, its zones ordered from the top down."""
-    given = json.loads((data / "slopes_petsc" / "kozinec_2d.json").read_text())
-    (ring,) = given["exterior_xz_m"]
+    source = json.loads((data / "slopes_petsc" / "kozinec_2d.json").read_text())
+    (ring,) = source["exterior_xz_m"]
     shift = min(x for x, _ in ring)
-    zones = [shapely.Polygon(*_rings(each["rings_xz_m"], shift)) for each in given["zones"]]
+    zones = [shapely.Polygon(*_rings(zone["rings_xz_m"], shift)) for zone in source["zones"]]
     above = [[_lies_above(a, b) for b in zones] for a in zones]
-    left, order = set(range(len(zones))), []
-    while left:
-        order.append(next(k for k in sorted(left) if not any(above[j][k] for j in left - {k})))
-        left.remove(order[-1])
+    remaining, order = set(range(len(zones))), []
+    while remaining:
+        order.append(next(k for k in sorted(remaining) if not any(above[j][k] for j in remaining - {k})))
+        remaining.remove(order[-1])
     outline = shapely.Polygon([(x - shift, z) for x, z in ring])
     at = sorted({round(x, 6) for zone in (*zones, outline) for x, _ in zone.exterior.coords})
     bottoms = [_top(shapely.union_all([zones[k] for k in order[n + 1 :]]), at) for n in range(len(order) - 1)]
-    return Strata(Section(_top(outline, at)), [given["soil"][k] for k in order], bottoms)
+    return Strata(Section(_top(outline, at)), [source["soil"][k] for k in order], bottoms)
 
 
 def _rings(rings: list[Any], shift: float) -> tuple[Any, list[Any]]:
@@ -137,13 +137,13 @@ def at_limit(factor: Callable[[float], float], first: float, tries: int = 3, wit
         within: distance of the factor from 1 at which it ends.
     """
     at, slope = first, -1.0
-    known: list[tuple[float, float]] = []
+    tried: list[tuple[float, float]] = []
     for _ in range(tries):
         here = math.log(at), math.log(factor(at))
-        if known and here[0] != known[-1][0]:
+        if tried and here[0] != tried[-1][0]:
             # Factors scatter by some tenths of a per cent, which two close points would blow up.
-            slope = float(np.clip((here[1] - known[-1][1]) / (here[0] - known[-1][0]), -2.0, -0.5))
-        known.append(here)
+            slope = float(np.clip((here[1] - tried[-1][1]) / (here[0] - tried[-1][0]), -2.0, -0.5))
+        tried.append(here)
         at = math.exp(here[0] - here[1] / slope)
         if abs(here[1]) < within:
             break
@@ -162,10 +162,10 @@ def plane(data: Path, name: str, kind: str, cell: float | None, finest: bool) ->
     may lie by what that bound is too high; Kozinec's against the source's own, an answer from above.
     """
     start = time.perf_counter()
-    ((strata_of, file),) = [(made, file) for each, made, file in PLANE if each == name]
-    strata, given = strata_of(data), json.loads((data / "slopes_petsc" / f"{file}.json").read_text())
-    bound = given.get("own_upper_bound", {}).get(kind)
-    theirs = given[kind]["largest"] if bound is None else bound
+    ((strata_of, file),) = [(made, file) for slope_name, made, file in PLANE if slope_name == name]
+    strata, source = strata_of(data), json.loads((data / "slopes_petsc" / f"{file}.json").read_text())
+    bound = source.get("own_upper_bound", {}).get(kind)
+    theirs = source[kind]["largest"] if bound is None else bound
     factor = by_slices if cell is None else partial(by_limit_load, cell=cell)
 
     def at(multiplier: float) -> float:

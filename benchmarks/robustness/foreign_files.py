@@ -79,7 +79,7 @@ class Outside:
             pass
 
     def _content(self) -> dict[str, bytes]:
-        return {each.name: each.read_bytes() for each in self.folder.iterdir()}
+        return {path.name: path.read_bytes() for path in self.folder.iterdir()}
 
 
 def square(x: float, y: float) -> bytes:
@@ -129,7 +129,7 @@ def _bytes(content: bytes, path: Path, _: Outside) -> None:
 def _database(also: tuple[str, ...], path: Path, outside: Outside) -> None:
     """A GeoPackage whose layer is a program."""
     path.unlink(missing_ok=True)
-    write_features(path, square(0, 0), tuple(each.replace("BAIT", str(outside.folder / "bait")) for each in also))
+    write_features(path, square(0, 0), tuple(text.replace("BAIT", str(outside.folder / "bait")) for text in also))
 
 
 def _geometry(geometry: bytes, path: Path, _: Outside) -> None:
@@ -289,7 +289,11 @@ def read(path: Path) -> Any:
         return files.points(path.name)
     if kind == "record":
         return files.motion(path.name, None).acceleration.tolist()
-    return files.data(path.name) if path.name == "cpt.csv" else [each.cone.tolist() for each in read_files([path])[0]]
+    return (
+        files.data(path.name)
+        if path.name == "cpt.csv"
+        else [sounding.cone.tolist() for sounding in read_files([path])[0]]
+    )
 
 
 def faults(name: str, put: Maker, outside: Outside) -> Iterator[str]:
@@ -306,7 +310,7 @@ def faults(name: str, put: Maker, outside: Outside) -> Iterator[str]:
         except Exception as error:
             yield repr(error)[:200]
         yield from ("read another file",) if str(SECRET) in said else ()
-        beside = sorted(each.name for each in Path(folder).iterdir())
+        beside = sorted(path.name for path in Path(folder).iterdir())
         yield from (f"wrote {beside}",) if beside != [name] else ()
         yield from outside.faults()
 

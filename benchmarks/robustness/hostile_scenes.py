@@ -118,19 +118,19 @@ def _change(scene: dict[str, Any], generator: random.Random) -> None:
         table[key] = HUGE.get(key, generator.choice(ODD))
     else:
         key = generator.choice(keys)
-        known = tables.schema_of(TABLES[section])["properties"][key]
-        table[key] = _value(known, table.get(key), generator)
+        schema = tables.schema_of(TABLES[section])["properties"][key]
+        table[key] = _value(schema, table.get(key), generator)
 
 
-def _value(known: Any, now: Any, generator: random.Random) -> Any:
+def _value(schema: Any, now: Any, generator: random.Random) -> Any:
     """A value for a key: of its kind now and then, odd otherwise."""
     if generator.random() < 0.6:
         return generator.choice(ODD)
-    if "enum" in known:
-        return generator.choice(known["enum"])
-    if known.get("type") == "boolean":
+    if "enum" in schema:
+        return generator.choice(schema["enum"])
+    if schema.get("type") == "boolean":
         return generator.random() < 0.5
-    if known.get("type") == "integer":
+    if schema.get("type") == "integer":
         return generator.choice((1, 2, 3, 10, 20, 40, 80, 160))
     factor = generator.choice((1e-3, 0.5, 2.0, 1e3))
     return [number * factor for number in now] if isinstance(now, list) else (now or 1.0) * factor
@@ -138,22 +138,22 @@ def _value(known: Any, now: Any, generator: random.Random) -> Any:
 
 def tried(texts: Iterable[str]) -> Iterator[tuple[str, Answer]]:
     """Each scene with what came of it."""
-    asked: _Asked | None = None
+    reader: _Reader | None = None
     try:
         for text in texts:
-            asked = asked or _Asked()
-            answer = asked.about(text)
+            reader = reader or _Reader()
+            answer = reader.answer(text)
             if answer.how in ("died", "hung"):
-                asked.end()
-                asked = None
+                reader.end()
+                reader = None
             yield text, answer
     finally:
-        if asked is not None:
-            asked.end()
+        if reader is not None:
+            reader.end()
 
 
-class _Asked:
-    """A process that is asked about scenes."""
+class _Reader:
+    """A process that reads scenes."""
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
@@ -161,7 +161,7 @@ class _Asked:
             text=True, cwd=ROOT,
         )  # fmt: skip
 
-    def about(self, text: str) -> Answer:
+    def answer(self, text: str) -> Answer:
         """Its answer, or what became of it."""
         process = self.process
         assert process.stdin is not None
@@ -170,7 +170,7 @@ class _Asked:
             process.stdin.write(json.dumps(text) + "\n")
             process.stdin.flush()
         except BrokenPipeError:
-            return Answer("died", "before it was asked", 0.0)
+            return Answer("died", "before it read the scene", 0.0)
         with selectors.DefaultSelector() as selector:
             selector.register(process.stdout, selectors.EVENT_READ)
             if not selector.select(PATIENCE):
@@ -194,7 +194,7 @@ def _began(*_: Any, **__: Any) -> Any:
     raise Began
 
 
-def asked(text: str, folder: Path) -> Answer:
+def answer_in_process(text: str, folder: Path) -> Answer:
     """What `python -m cooperative run` does with a scene in this process, whose runs `main` has made raise `Began`."""
     from cooperative.__main__ import main as command
 
@@ -256,7 +256,7 @@ def main() -> None:
     limited = False
     for line in sys.stdin:
         with tempfile.TemporaryDirectory() as folder:
-            answer = asked(json.loads(line), Path(folder))
+            answer = answer_in_process(json.loads(line), Path(folder))
         if not limited and answer.how == "began":
             # What the process needs for any scene is there by now.
             pages = int(Path("/proc/self/statm").read_text().split()[0])

@@ -164,8 +164,8 @@ def run_samples(
             raise runs.Stopped
         time.sleep(seconds)
         xi = np.asarray(coefficients[number])
-        own = xi[1] if model.grid == "rough" else xi[2]
-        displacement = float(np.exp(2.0 * (0.95 * xi[0] + 0.3 * own) - 1.0)) / factor
+        noise = xi[1] if model.grid == "rough" else xi[2]
+        displacement = float(np.exp(2.0 * (0.95 * xi[0] + 0.3 * noise) - 1.0)) / factor
         row: dict[str, Any] = {"displacement": displacement, "broke_off": False}
         row |= dict.fromkeys(("depth", "runout", "volume", "area"), displacement)
         fields = {"displacement": np.full((2, PARTICLES), displacement)}

@@ -102,7 +102,7 @@ class Life:
         """Whether it has not ended."""
         return self.process.poll() is None
 
-    def left(self) -> list[str]:
+    def survivors(self) -> list[str]:
         """Processes of it that still run some seconds after it has ended; they are ended then."""
         until = time.monotonic() + SOON
         while (result := list(_marked(self.mark))) and time.monotonic() < until:
@@ -126,11 +126,11 @@ def _marked(mark: str) -> Iterator[tuple[int, str]]:
 def finished(folder: Path) -> set[tuple[Path, str, int]]:
     """Folder, grid and number of the samples that have ended, in all campaigns of a folder."""
     return {
-        (path.parent, *row) for path in folder.rglob(DATABASE) for row in asked(path, "SELECT grid, sample FROM run")
+        (path.parent, *row) for path in folder.rglob(DATABASE) for row in queried(path, "SELECT grid, sample FROM run")
     }
 
 
-def asked(path: Path, statement: str, *values: object) -> list[tuple[Any, ...]]:
+def queried(path: Path, statement: str, *values: object) -> list[tuple[Any, ...]]:
     """What a statement gives of a database, whose controller may have been killed as it wrote."""
     uri = f"{path.absolute().as_uri()}?mode=rw"
     with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE, isolation_level=None)) as database:
@@ -159,7 +159,7 @@ def disturb(
             if not end(life, generator):
                 break
             toll.disturbed += 1
-            toll.orphans += life.left()
+            toll.orphans += life.survivors()
             toll.lost += [f"{run} is gone" for run in before - finished(disturbed)]
             before = finished(disturbed)
         toll.orphans += whole(case, disturbed, workers).left()
@@ -247,7 +247,7 @@ def kill_workers(case: Case, times: int, folder: Path, seed: int) -> Toll:
         if life.runs() or life.process.returncode:
             toll.lost.append(f"{disturbed} ends with {life.process.poll()}")
             killed(life, generator)
-        toll.orphans += life.left()
+        toll.orphans += life.survivors()
         toll.lost += differences(disturbed, undisturbed)
         round_ += 1
     return toll
@@ -272,11 +272,11 @@ def large(count: int, folder: Path) -> dict[str, float]:
     ):
         for sample in made:
             insert(database, row_of(store, "rough", replace(sample, fields={"small": np.zeros(3)}))[1])
-    begun = time.monotonic()
+    start = time.monotonic()
     life = Life(case, folder, 1)
     following = "SELECT sample FROM run WHERE grid = 'rough' AND sample = ?"
-    _until(lambda: asked(folder / DATABASE, following, count), life)
-    resumed = time.monotonic() - begun
+    _until(lambda: queried(folder / DATABASE, following, count), life)
+    resumed = time.monotonic() - start
     killed(life, random.Random())
     looked = folder / "looked"
     life = Life(case, folder, 1, "--verify", **{VERIFIED: str(looked)})

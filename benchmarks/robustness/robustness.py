@@ -87,7 +87,7 @@ def accepted(folder: Path, expected: dict[tuple[str, int], tuple[Any, ...]]) -> 
         there = {(grid, n): content(store, grid, n) for grid in GRIDS for n in rows[grid].numbers}
     except DamagedFile:
         return False
-    return there != expected and not any(each.damaged for each in rows.values())
+    return there != expected and not any(grid_rows.damaged for grid_rows in rows.values())
 
 
 def by_hand(folder: Path, outside: Path) -> tuple[int, list[str]]:
@@ -112,8 +112,8 @@ def by_hand(folder: Path, outside: Path) -> tuple[int, list[str]]:
         if not baits.untouched():
             escapes.append(f"{name}: changed what is outside")
             hostile_files.lay_baits(outside)
-        for left in (copy, copy.with_name("moved")):
-            shutil.rmtree(left, ignore_errors=True)
+        for leftover in (copy, copy.with_name("moved")):
+            shutil.rmtree(leftover, ignore_errors=True)
     return len(makers), escapes
 
 

@@ -72,7 +72,8 @@ def slid(cell: float, *, average: bool, associated: bool, cutoff: bool, at_rest:
             "status": mpm.Status(int(ended.state.status)).name,
         }
     position, moved, volume = (
-        np.asarray(each, float) for each in (scene.particles.position, ended.state.displacement, scene.particles.volume)
+        np.asarray(array, float)
+        for array in (scene.particles.position, ended.state.displacement, scene.particles.volume)
     )
     x, above = (position + moved)[0], (position + moved)[1] > SHAPE.foundation
     behind = position[0][(np.linalg.norm(moved, axis=0) >= MOVED) & (position[1] > SHAPE.foundation)].min()

@@ -86,20 +86,20 @@ def run(quick: bool) -> Report:
     del quick
     result = read()
     rows = [row(name, result[name]) for name in CASES if name in result]
-    tested, changed = (sum(each[what] for each in rows) for what in ("tested", "classes_changed"))
-    solid = [each for each in rows if each["case"].startswith("3D")]
-    solid_tested, solid_changed = (sum(each[what] for each in solid) for what in ("tested", "classes_changed"))
+    tested, changed = (sum(row[what] for row in rows) for what in ("tested", "classes_changed"))
+    solid = [row for row in rows if row["case"].startswith("3D")]
+    solid_tested, solid_changed = (sum(row[what] for row in solid) for what in ("tested", "classes_changed"))
     return Report(
         {
-            "runs": sum(each["runs"] for each in rows),
+            "runs": sum(row["runs"] for row in rows),
             "tested": tested,
             "classes_changed": changed,
             "error_at_most": error_bound(changed, tested),
             "tested_3d": solid_tested,
             "classes_changed_3d": solid_changed,
             "error_3d_at_most": error_bound(solid_changed, solid_tested),
-            "share_of_time": max(each["share_of_time"] for each in rows),
-            "spearman": min(each["spearman_early"] for each in rows if "spearman_early" in each),
+            "share_of_time": max(row["share_of_time"] for row in rows),
+            "spearman": min(row["spearman_early"] for row in rows if "spearman_early" in row),
         },
         rows,
     )

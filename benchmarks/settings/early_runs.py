@@ -119,8 +119,8 @@ def main(name: str | None = None, count: int | None = None) -> None:
     done = read()
     with appending(DATA, COLUMNS) as put:
         for case in CASES if name is None else [name]:
-            wanted = range(min(CASES[case].samples, count or CASES[case].samples))
-            for row in _rows(CASES[case], sorted(set(wanted) - done.get(case, {}).keys())):
+            numbers = range(min(CASES[case].samples, count or CASES[case].samples))
+            for row in _rows(CASES[case], sorted(set(numbers) - done.get(case, {}).keys())):
                 put((case, *row))
 
 

@@ -35,21 +35,23 @@ def row(variant: Variant, result: dict[Variant, dict[int, Row]]) -> dict[str, An
     scene, grid, spacing, cfl, until = variant
     plain = beside(variant)
     both = sorted(result[variant].keys() & result[plain].keys())
-    mine, base = ({name: np.array([result[of][n][name] for n in both]) for name in MEASURED} for of in (variant, plain))
-    fails = (mine["displacement"] > LIMIT, base["displacement"] > LIMIT)
+    measured, base = (
+        {name: np.array([result[of][n][name] for n in both]) for name in MEASURED} for of in (variant, plain)
+    )
+    fails = (measured["displacement"] > LIMIT, base["displacement"] > LIMIT)
     share = (SPACINGS[grid][0] / spacing) ** 2
     values = {
         "scene": scene, "grid": grid, "until": until, "particles_a_cell": round(4 * share), "cfl": cfl,
         "samples": len(both), "fail": int(fails[0].sum()), "classes_changed": int((fails[0] != fails[1]).sum()),
-        "spearman": round(float(spearmanr(rank_by(mine), rank_by(base)).statistic), 4),
-        "broke_off": int((mine["status"] > Status.DECIDED).sum()),
-        "runs_that_gain_energy": int((mine["energy"] > 0).sum()),
-        "cost_share": round(float(mine["steps"].sum() * share / base["steps"].sum()), 3),
+        "spearman": round(float(spearmanr(rank_by(measured), rank_by(base)).statistic), 4),
+        "broke_off": int((measured["status"] > Status.DECIDED).sum()),
+        "runs_that_gain_energy": int((measured["energy"] > 0).sum()),
+        "cost_share": round(float(measured["steps"].sum() * share / base["steps"].sum()), 3),
     }  # fmt: skip
     if until == "class":
         return values
     slide = fails[0] & fails[1]
-    change = {name: (mine[name] - base[name])[slide] for name in ("displacement", "runout")}
+    change = {name: (measured[name] - base[name])[slide] for name in ("displacement", "runout")}
     values |= {
         f"median_change_{name}_m": round(float(np.median(displacement)), 3) for name, displacement in change.items()
     }

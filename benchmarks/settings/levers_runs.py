@@ -72,14 +72,14 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     soil = runs.random_soil(campaign)
     coefficients = runs.coefficients_of(campaign, soil)
     model = runs.build(campaign, grid, soil)
-    begun = float(_energy(model.scene, model.state))
+    start_energy = float(_energy(model.scene, model.state))
     strengths = (model.varied(jnp.asarray(coefficients[sample]))["strength"] for sample in numbers)
     for sample, result in solve_each(
         model.scene, model.state, {"strength": strengths}, numbers=numbers, width=1, t_end=campaign.run.t_end,
         rules=[Settle(), *([Exceeds(campaign.run.failure_displacement)] if until == "class" else [])],
     ):  # fmt: skip
         done = measured(model, result)
-        energy = float(_energy(model.scene, result.state)) - begun
+        energy = float(_energy(model.scene, result.state)) - start_energy
         values = (int(result.state.step) * float(result.time_step), done.displacement, done.runout, energy)
         yield (sample, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in values))
 

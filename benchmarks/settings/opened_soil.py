@@ -115,11 +115,11 @@ def main() -> None:
     with appending(DATA, COLUMNS) as put:
         for name, case in CASES.items():
             ways = (True, False) if case.study is None else (True,)
-            left = [(n, way) for n in case.numbers() for way in ways if n not in done.get((name, way), {})]
+            missing = [(n, way) for n in case.numbers() for way in ways if n not in done.get((name, way), {})]
             models = cache(partial(_model, case))
-            for sample, memory in left:
+            for sample, memory in missing:
                 answer, closed = run_watched(models(memory), sample)
-                measured = (_cell(answer.row.get(each)) for each in (*MEASURES, "mode"))
+                measured = (_cell(answer.row.get(measure)) for measure in (*MEASURES, "mode"))
                 put((name, int(memory), sample, answer.status, answer.steps, *measured, closed))
 
 
@@ -138,7 +138,7 @@ def followed(
     coefficients: np.ndarray,
     t_end: float,
     rules: Sequence[Rule],
-    look: Callable[[float, State], None],
+    on_state: Callable[[float, State], None],
 ) -> tuple[Result, ReleaseHistory]:
     """Run one sample.
 
@@ -147,7 +147,7 @@ def followed(
         coefficients: of the sample (modes,).
         t_end: last time (s).
         rules: by which the run ends earlier.
-        look: called now and then with the time (s) and the state.
+        on_state: called now and then with the time (s) and the state.
 
     Returns:
         The result and the motion of the particles.
@@ -158,11 +158,11 @@ def followed(
         nonlocal past
         if seconds > past.times[-1]:
             past = past.after(seconds, np.linalg.norm(np.asarray(midway.state.displacement), axis=0))
-        look(seconds, midway.state)
+        on_state(seconds, midway.state)
 
-    own = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
+    values_of_soil = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
     ((_, result),) = solve_each(
-        model.scene, model.state, own, width=1, t_end=t_end, rules=rules, hooks=Hooks(observe=observe)
+        model.scene, model.state, values_of_soil, width=1, t_end=t_end, rules=rules, hooks=Hooks(observe=observe)
     )
     return result, past
 
@@ -173,12 +173,12 @@ def run_watched(model: GridModel, sample: int) -> tuple[FinishedRun, str]:
     volume, run = np.asarray(model.scene.particles.volume), model.campaign.run
     widest = np.zeros(volume.size)
 
-    def look(_: float, state: State) -> None:
+    def record_gap(_: float, state: State) -> None:
         nonlocal widest
         if state.gap is not None:
             widest = np.maximum(widest, np.asarray(state.gap, float))
 
-    result, past = followed(model, coefficients, run.t_end, run.rules(), look)
+    result, past = followed(model, coefficients, run.t_end, run.rules(), record_gap)
     answer = runs.finished(model, sample, coefficients, result, 0.0, past)
     if result.state.gap is None:
         return answer, ""

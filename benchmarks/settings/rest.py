@@ -101,7 +101,7 @@ def _rows(name: str, case: Case, with_rule: set[int], without: set[int]) -> Iter
         for rest, model in ((0, unruled), (1, ruled)):
             if sample not in (with_rule if rest else without):
                 (done,) = runs.run_samples(model, coefficients, [sample], width=1)
-                measured = [done.row.get(each, "") for each in (*LENGTHS, *AMOUNTS, "mode")]
+                measured = [done.row.get(measure, "") for measure in (*LENGTHS, *AMOUNTS, "mode")]
                 yield name, rest, sample, done.status, done.steps, *measured
 
 
@@ -132,7 +132,9 @@ def compared(name: str, case: Case, ruled: dict[int, Row], unruled: dict[int, Ro
     cell = scene_campaign(case.scene).grids[case.grid].cell
 
     def largest(measures: tuple[str, ...], scale: float | None) -> float:
-        changes = [abs(a[each] - b[each]) / (scale or max(b[each], 1e-9)) for a, b in whole for each in measures]
+        changes = [
+            abs(a[measure] - b[measure]) / (scale or max(b[measure], 1e-9)) for a, b in whole for measure in measures
+        ]
         return round(max(changes, default=0.0), 4)
 
     steps = [sum(row["steps"] for row in column) for column in zip(*both, strict=True)]

@@ -121,7 +121,7 @@ def inputs(shape: Section, layers: Sequence[Layer], **conditions: Unpack[Conditi
 
 
 def factor(
-    given: dict[str, object],
+    data: dict[str, object],
     surface: Circle | np.ndarray,
     method: Literal["bishop", "janbu", "spencer"],
     slices: int = SLICES,
@@ -129,7 +129,7 @@ def factor(
     """The factor of safety of a slip surface by xslope.
 
     Args:
-        given: of `inputs`.
+        data: of `inputs`.
         surface: a circle, or points (n, 2) m.
         method: of slices.
         slices: that the surface has, about.
@@ -143,7 +143,7 @@ def factor(
         how = {"circle": {"Xo": surface.x, "Yo": surface.z, "Depth": depth, "R": surface.radius}, "composite": True}
     else:
         how = {"non_circ": [{"X": x, "Y": z, "Movement": "Free"} for x, z in surface.tolist()]}
-    loaded = module("water").with_water_loads(given)
+    loaded = module("water").with_water_loads(data)
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         made, result = module("slice").generate_slices(

@@ -67,7 +67,7 @@ class Circles:
             apart = np.abs(column - at[0][:, None]) * 1000 + np.abs(row - at[1][:, None])
             width = np.array([edges[1] - edges[0]])
             result.append((apart.argmin(axis=1), unit_weight * np.maximum(thick, 0) * width, sine, cosine, width))
-        return cls(*(np.array(each) for each in zip(*result, strict=True)))
+        return cls(*(np.array(column) for column in zip(*result, strict=True)))
 
     def factor_of_safety(self, soil: Mapping[str, Any]) -> float:
         """The least of all circles, of cohesion (Pa) and friction (degrees) at the particles (N,)."""
@@ -87,16 +87,16 @@ def rows() -> dict[tuple[Any, ...], Row]:
 
 def summarised() -> dict[str, Any]:
     """Shares that fail, with their intervals, on the refined grid and by circles, and how often both agree."""
-    known, at = rows().values(), head(PATH)
-    distance, circles = (np.array([row[name] for row in known]) for name in ("displacement", "circles"))
-    fails, sped = distance > at["displacement"], np.array([row["speeds_up"] == "True" for row in known])
-    low, high = wilson_interval(int(fails.sum()), len(known))
+    stored, at = rows().values(), head(PATH)
+    distance, circles = (np.array([row[name] for row in stored]) for name in ("displacement", "circles"))
+    fails, sped = distance > at["displacement"], np.array([row["speeds_up"] == "True" for row in stored])
+    low, high = wilson_interval(int(fails.sum()), len(stored))
     return {
         "pf": float(fails.mean()),
         "low": low,
         "high": high,
         "fos": at["factor"],
-        "runs": len(known),
+        "runs": len(stored),
         "circles_pf": float((circles < 1).mean()),
         "circles_same_class": float((fails == (circles < 1)).mean()),
         "circles_rank_correlation": float(stats.spearmanr(distance, -circles).statistic),
@@ -145,13 +145,13 @@ def _run(model: runs.GridModel, varied: Mapping[str, Any], least: float) -> tupl
     """Displacement (m) that the least volume has exceeded at the end, and whether it sped up between looks."""
     volume, seen = np.asarray(model.scene.particles.volume), []
 
-    def look(_: int, seconds: float, midway: Midway) -> None:
+    def record_displacement(_: int, seconds: float, midway: Midway) -> None:
         seen.append(exceeded(np.linalg.norm(np.asarray(midway.state.displacement), axis=0), volume, least))
 
-    each = {name: [value] for name, value in varied.items()}
+    values = {name: [value] for name, value in varied.items()}
     for _ in solve_each(
-        model.scene, model.state, each, width=1, t_end=model.campaign.run.t_end, rules=[Settle(), Exceeds(BEYOND)],
-        hooks=Hooks(observe=look),
+        model.scene, model.state, values, width=1, t_end=model.campaign.run.t_end, rules=[Settle(), Exceeds(BEYOND)],
+        hooks=Hooks(observe=record_displacement),
     ):  # fmt: skip
         pass
     return seen[-1], bool(speeds_up(np.array(seen)[:, None], 2)[0])

@@ -52,10 +52,10 @@ def factors(case: Case) -> dict[str, Any]:
     }
 
 
-def write_inputs(known: Sequence[Case]) -> None:
+def write_inputs(selected: Sequence[Case]) -> None:
     """Write what xslope is given of each slope into benchmarks/data/limit_equilibrium."""
     INPUTS.mkdir(exist_ok=True)
-    for case in known:
+    for case in selected:
         text = (
             json.dumps(
                 by_xslope.inputs(case.shape, layers_of(case), **case.loads), default=lambda shape: shape.wkt, indent=1
@@ -68,8 +68,8 @@ def write_inputs(known: Sequence[Case]) -> None:
 def run(quick: bool) -> Report:
     """All slopes; `quick` takes the first. Raises ValueError without xslope."""
     by_xslope.module("slice")
-    known = FAMILIES[0]()[:1] if quick else cases()
-    rows = [factors(case) for case in known]
+    selected = FAMILIES[0]()[:1] if quick else cases()
+    rows = [factors(case) for case in selected]
     return Report(
         {
             "lem_cases": len(rows),
@@ -83,5 +83,5 @@ def run(quick: bool) -> Report:
             "lem_cpu_s_median": statistics.median(row["cpu_s"] for row in rows),
         },
         rows,
-        lambda _: write_inputs(known),
+        lambda _: write_inputs(selected),
     )

@@ -103,10 +103,10 @@ class Case:
     limit: LimitLoad | None = None
     factor: float = 1.0
 
-    def at(self, factor: float, own: LimitLoad) -> Case:
+    def at(self, factor: float, limit: LimitLoad) -> Case:
         """The case with its strength multiplied so that its median soil, of a limit load of its own, has a factor of
         safety."""
-        return replace(self, limit=replace(own, factor=factor), factor=factor / own.factor)
+        return replace(self, limit=replace(limit, factor=factor), factor=factor / limit.factor)
 
 
 EXAMPLE_2 = Case("example_2", in_part, (0.43,), large=2000.0)
@@ -165,12 +165,12 @@ def closed_form(text: str, factor: float) -> float:
 def row_of(name: str, case: Case, folder: Path, text: str, workers: int) -> dict[str, Any]:
     """The campaign of a case, run or gone on with, beside what the literature or theory has."""
     campaign = parse(text)
-    known = (
+    with_limit_load = (
         campaign
         if case.limit is None
         else replace(campaign, measured=replace(campaign.measured, limit_load=case.limit))
     )
-    summary = run_campaign(known, folder / name, workers=workers)
+    summary = run_campaign(with_limit_load, folder / name, workers=workers)
     (low, high), limit = summary.probability.interval, summary.probability.limit_load
     assert limit is not None
     expected = closed_form(text, limit.factor) if case.printed is None else None
@@ -202,7 +202,7 @@ def shares(store: Store, limit: float, large: float | None) -> dict[str, float |
     result = read_rows(store, "rough").columns
     counted = {"fails": result["displacement"] > limit, "beyond_toe": result["runout"] > 0}
     of_rough: dict[str, float | None] = {
-        f"rough_{name}": round(float(np.mean(each)), 3) for name, each in counted.items()
+        f"rough_{name}": round(float(np.mean(flags)), 3) for name, flags in counted.items()
     }
     return of_rough | {"rough_large": None if large is None else round(float(np.mean(result["volume"] > large)), 3)}
 
@@ -230,10 +230,10 @@ def run(quick: bool, only: Sequence[str] = ("",)) -> Report:
 
 def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """The named figures; None of what has not ended."""
-    known = {one["case"]: one for one in rows}
+    row_of_case = {one["case"]: one for one in rows}
 
     def of(case: str, key: str) -> Any:
-        return known.get(case, {}).get(key)
+        return row_of_case.get(case, {}).get(key)
 
     values = {f"example_2_{key}": of("example_2", key) for key in ("fos", "pf", "low", "high", "hours")}
     values |= {f"example_2_{key}": of("example_2", key) for key in ("rough_fails", "rough_beyond_toe", "rough_large")}

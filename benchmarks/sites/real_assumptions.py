@@ -51,5 +51,9 @@ def run(quick: bool) -> Report:
     slides = json.loads((SCENES / "assumptions.json").read_text(encoding="utf-8"))
     if quick:
         slides = {"sainte_monique_1994": dict(list(slides["sainte_monique_1994"].items())[:1])}
-    rows = [row_of(name, words, changes) for name, each in slides.items() for words, changes in each.items()]
+    rows = [
+        row_of(name, words, changes)
+        for name, changes_by_words in slides.items()
+        for words, changes in changes_by_words.items()
+    ]
     return Report({"assumptions": len(rows), "slid": sum("runout" in row for row in rows)}, rows)

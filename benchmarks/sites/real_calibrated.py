@@ -41,7 +41,7 @@ def shared_factor(soil: RandomSoil, campaign: Campaign, coefficients: np.ndarray
         campaign: of the samples.
         coefficients: of the samples (n, modes).
     """
-    field = next((each for each in campaign.random.values() if each.factor_cov > 0), None)
+    field = next((random_field for random_field in campaign.random.values() if random_field.factor_cov > 0), None)
     if field is None:
         return {}
     return {FACTOR: np.array([soil.factor(field, sample) for sample in coefficients], float)}
@@ -80,8 +80,8 @@ def calibrated(
         "factor_high": high,
         "lower_dam_effective_slides": weight.sum() ** 2 / (weight**2).sum(),
     }
-    known = replace(second, weight=second.weight * np.exp(ratio - ratio.max()))
-    return known, {name: round(float(value), 3) for name, value in figures.items()}
+    reweighted = replace(second, weight=second.weight * np.exp(ratio - ratio.max()))
+    return reweighted, {name: round(float(value), 3) for name, value in figures.items()}
 
 
 def _exponent(values: np.ndarray, mean: float, deviation: float) -> np.ndarray:

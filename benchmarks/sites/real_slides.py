@@ -112,7 +112,7 @@ def measured(
         samples: with their displacement (d, N) m at the end.
     """
     scene, _ = built(campaign, grid, at_rest=False)
-    position, volume = (np.asarray(each, float) for each in (scene.particles.position, scene.particles.volume))
+    position, volume = (np.asarray(array, float) for array in (scene.particles.position, scene.particles.volume))
     half, (face, track) = campaign.grids[grid].spacing[0] / 2, (campaign.site.shape.face, campaign.site.track)
     answer = []
     for sample in samples:
@@ -120,14 +120,14 @@ def measured(
         slid = np.linalg.norm(displacement, axis=0) >= campaign.run.failure_displacement
         row: dict[str, Any] = {"runout": runout, "volume": float(sample.row["volume"])}
         if track is not None:  # run-out is counted from the rear of the mass
-            ends = [each[:2] for each in (position, position + displacement)]
-            start, end = (track.along(each[:, slid])[0] for each in ends)
+            ends = [place[:2] for place in (position, position + displacement)]
+            start, end = (track.along(place[:, slid])[0] for place in ends)
             row |= {"travel": runout, "centre": float(np.average(end - start, weights=volume[slid]))}
-            before, after = (in_stations(track, each, volume) for each in ends)
+            before, after = (in_stations(track, place, volume) for place in ends)
             row["change"] = after - before
         elif face is not None and crest is not None:
             rear = float(position[0, slid].min()) - half
-            highest = [float(each[-1].max()) for each in (position, position + displacement)]
+            highest = [float(place[-1].max()) for place in (position, position + displacement)]
             row |= {"retrogression": crest - rear, "travel": face.toe_x - rear + runout}
             centre = float(np.average(displacement[0, slid], weights=volume[slid]))
             row |= {"crest_loss": highest[0] - highest[1], "centre": centre}
@@ -150,8 +150,10 @@ def slides(name: str, folder: Path) -> dict[str, Slid]:
     coefficients = runs.coefficients_of(campaign, soil)
     for grid, (numbers, slid, weight) in chosen.items():
         samples = [read_sample(results.store, grid, numbers[at]) for at in np.flatnonzero(slid)]
-        each = measured(campaign, grid, KNOWN[name].crest, samples) if samples else []
-        quantities = {quantity: np.array([one[quantity] for one in each]) for quantity in (each[0] if each else ())}
+        measures = measured(campaign, grid, KNOWN[name].crest, samples) if samples else []
+        quantities = {
+            quantity: np.array([one[quantity] for one in measures]) for quantity in (measures[0] if measures else ())
+        }
         quantities |= shared_factor(soil, campaign, coefficients[np.asarray(numbers, int)[slid]])
         answer[grid] = Slid(quantities, weight[slid])
     return answer
@@ -162,17 +164,17 @@ def counted(failures: Mapping[str, Slid]) -> str:
     return "refined" if failures["refined"].weight.size else "rough"
 
 
-def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Compared]:
+def compared(name: str, slide: Known, failures: Mapping[str, Slid]) -> list[Compared]:
     """A row for each surveyed quantity of a slide."""
     rows = []
-    for quantity, survey in known.surveys.items():
+    for quantity, survey in slide.surveys.items():
         grid = counted(failures)
         low, median, high = failures[grid].ends(quantity)
         rough_low, _, rough_high = failures["rough"].ends(quantity)
         near, likely, far = None, None, None
         slid = failures[grid]
-        if quantity == "travel" and known.fall is not None and known.volume is not None:
-            near, likely, far = corominas(known.fall, known.volume)
+        if quantity == "travel" and slide.fall is not None and slide.volume is not None:
+            near, likely, far = corominas(slide.fall, slide.volume)
         rows.append(
             Compared(
                 name,
@@ -200,12 +202,12 @@ def compared(name: str, known: Known, failures: Mapping[str, Slid]) -> list[Comp
     return rows
 
 
-def profile(name: str, known: Known, failures: Mapping[str, Slid]) -> tuple[list[dict[str, Any]], dict[str, float]]:
+def profile(name: str, slide: Known, failures: Mapping[str, Slid]) -> tuple[list[dict[str, Any]], dict[str, float]]:
     """The stations of a slide whose change of heights was surveyed, and their named figures; none for another."""
     slid, track = failures["refined"], parse(read_scene(SCENES / f"{name}.toml")).site.track
-    if known.change is None or track is None or not slid.weight.size:
+    if slide.change is None or track is None or not slid.weight.size:
         return [], {}
-    survey = surveyed(track, SCENES / known.change)
+    survey = surveyed(track, SCENES / slide.change)
     low, median, high = slid.quantiles("change")
     rows = stations(name, survey, (low, median, high))
     elsewhere = misplaced(survey, slid.quantities["change"])
@@ -292,8 +294,8 @@ def predicted(lower: Mapping[str, Slid], upper: Mapping[str, Slid]) -> tuple[lis
     if not first.weight.size or not second.weight.size:
         return [], {}
     factor_cov = max(field.factor_cov for field in scene_of(CALIBRATES, quick=False).random.values())
-    known, figures = calibrated(first, second, KNOWN[CALIBRATES].surveys, factor_cov)
-    rows = compared(PREDICTED, KNOWN[PREDICTED], {**upper, grid: known})
+    calibrated_slides, figures = calibrated(first, second, KNOWN[CALIBRATES].surveys, factor_cov)
+    rows = compared(PREDICTED, KNOWN[PREDICTED], {**upper, grid: calibrated_slides})
     return [rounded(replace(row, slide=f"{row.slide}, lower dam known")) for row in rows], figures
 
 

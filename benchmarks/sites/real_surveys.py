@@ -84,7 +84,7 @@ class Known:
     change: str | None = None
 
 
-def _known() -> Mapping[str, Known]:
+def _surveyed_slides() -> Mapping[str, Known]:
     """The slides by name, from the file of surveys."""
     slides = json.loads((ROOT / "benchmarks" / "scenes" / "real" / "surveys.json").read_text(encoding="utf-8"))
     return {
@@ -99,7 +99,7 @@ def _known() -> Mapping[str, Known]:
     }
 
 
-KNOWN = _known()
+KNOWN = _surveyed_slides()
 
 
 def interval_score(low: float, high: float, survey: Survey, miss: float = MISS) -> float:

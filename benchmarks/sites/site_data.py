@@ -56,16 +56,18 @@ def made_up(quick: bool) -> Part:
     inside: list[float] = []
     for number in range(12 if quick else SITES):
         points, values, truth = _site(random)
-        held = points[0] == points[0].max()
-        fit = fit_field(points[:, ~held], values[~held], depth=-points[1, ~held], seed=number)
-        own = {name: _holds(fit, name, value) for name, value in truth.items() if getattr(fit, name) is not None}
+        held_out = points[0] == points[0].max()
+        fit = fit_field(points[:, ~held_out], values[~held_out], depth=-points[1, ~held_out], seed=number)
+        hit_by_name = {
+            name: _holds(fit, name, value) for name, value in truth.items() if getattr(fit, name) is not None
+        }
         band = np.quantile(
-            predicted(fit, points[:, held], -points[1, held], draws=DRAWS, seed=number), [0.025, 0.975], axis=0
+            predicted(fit, points[:, held_out], -points[1, held_out], draws=DRAWS, seed=number), [0.025, 0.975], axis=0
         )
-        inside.append(float(np.mean((band[0] <= values[held]) & (values[held] <= band[1]))))
-        for name, hit in own.items():
+        inside.append(float(np.mean((band[0] <= values[held_out]) & (values[held_out] <= band[1]))))
+        for name, hit in hit_by_name.items():
             hits.setdefault(name, []).append(hit)
-        by_count.setdefault(len(np.unique(points[0])) - 1, []).append({**own, "held_out": inside[-1]})
+        by_count.setdefault(len(np.unique(points[0])) - 1, []).append({**hit_by_name, "held_out": inside[-1]})
     lengths = hits["vertical"] + hits.get("horizontal", [])
     values_of = {
         "cov_coverage": float(np.mean(hits["cov"])),
@@ -74,12 +76,12 @@ def made_up(quick: bool) -> Part:
         "held_out_coverage": float(np.mean(inside)),
     }
     rows = [
-        {"soundings": count, "sites": len(each)}
+        {"soundings": count, "sites": len(sites)}
         | {
-            name: round(float(np.mean([row[name] for row in each])), 3) if name in each[0] else "none"
+            name: round(float(np.mean([row[name] for row in sites])), 3) if name in sites[0] else "none"
             for name in ("mean", "trend", "cov", "vertical", "horizontal", "held_out")
         }
-        for count, each in sorted(by_count.items())
+        for count, sites in sorted(by_count.items())
     ]
     return values_of, rows
 
@@ -117,26 +119,32 @@ def public(quick: bool) -> Part:
     for name, (top, bottom) in LAYERS.items():
         soundings, _ = read_files([ROOT / "benchmarks" / "data" / "soundings" / f"{name}.csv"])
         data = []
-        for each in soundings:
-            z, cone = each.z, corrected_cone(each)
+        for sounding in soundings:
+            z, cone = sounding.z, corrected_cone(sounding)
             chosen = thinned(z, np.isfinite(cone) & (z < top) & (z > bottom), APART)
             data.append(
-                (np.stack([np.full(chosen.size, each.x), np.full(chosen.size, each.y), z[chosen]]), cone[chosen])
+                (
+                    np.stack([np.full(chosen.size, sounding.x), np.full(chosen.size, sounding.y), z[chosen]]),
+                    cone[chosen],
+                )
             )
         for number, (points, cone) in enumerate(data[:1] if quick else data):
-            others = [each for k, each in enumerate(data) if k != number]
-            used, values = np.concatenate([each[0] for each in others], axis=1), np.concatenate([e[1] for e in others])
+            others = [sounding for k, sounding in enumerate(data) if k != number]
+            used, values = (
+                np.concatenate([sounding[0] for sounding in others], axis=1),
+                np.concatenate([e[1] for e in others]),
+            )
             fit = fit_field(used, values, depth=top - used[2])
             low, high = np.quantile(predicted(fit, points, top - points[2], draws=DRAWS), [0.05, 0.95], axis=0)
             shares.append(np.mean((low <= cone) & (cone <= high)))
-            known = None if "horizontal" in fit.unknown else fit.horizontal
+            horizontal = None if "horizontal" in fit.unknown else fit.horizontal
             rows.append(
                 {
                     "set": name, "left out": soundings[number].name, "readings": cone.size,
                     "within 90 %": round(float(shares[-1]), 3),
                     "band, high / low": round(float(np.median(high / low)), 2),
                     "cov": round(fit.cov.value, 2), "vertical (m)": round(fit.vertical.value, 2),
-                    "horizontal (m)": "unknown" if known is None else round(known.value, 1),
+                    "horizontal (m)": "unknown" if horizontal is None else round(horizontal.value, 1),
                 }
             )  # fmt: skip
     return {"public_held_out_coverage": float(np.mean(shares))}, rows

@@ -55,9 +55,9 @@ def largest_difference(one: Any, other: Any) -> float:
 def polyline() -> dict[str, Any]:
     """The published slope, drawn as a line, and the largest difference to it."""
     shape, numerics = mpm.Slope(), mpm.Discretisation(1.0, (0.5, 0.5))
-    drawn = as_section(shape)
-    assert drawn is not None
-    one, other = mpm.slope(shape, CLAY, numerics), mpm.section(drawn, CLAY, numerics)
+    as_line = as_section(shape)
+    assert as_line is not None
+    one, other = mpm.slope(shape, CLAY, numerics), mpm.section(as_line, CLAY, numerics)
     return {"case": "polyline", "difference": largest_difference(one, other)}
 
 
@@ -83,7 +83,7 @@ def plane(cell: float) -> dict[str, Any]:
     }
 
 
-def drawn(name: str) -> dict[str, Any]:
+def compare_scene(name: str) -> dict[str, Any]:
     """A scene of a slope with a known factor of safety: what it differs by from the same built in Python."""
     campaign = parse(read_scene(SCENES / f"{name}.toml"))
     scene, _ = built(campaign, "rough", at_rest=False)
@@ -92,8 +92,8 @@ def drawn(name: str) -> dict[str, Any]:
         return row
     case = next(case for case in cases() if case.name == AS_CASES[name])
     numerics = campaign.grids["rough"]
-    known, _ = case.built(numerics.cell, at_rest=False, cfl=numerics.cfl, dtype=numerics.dtype)
-    return row | {"difference": largest_difference(scene, known)}
+    reference, _ = case.built(numerics.cell, at_rest=False, cfl=numerics.cfl, dtype=numerics.dtype)
+    return row | {"difference": largest_difference(scene, reference)}
 
 
 def run_out(name: str) -> dict[str, Any]:
@@ -118,11 +118,11 @@ def run_out(name: str) -> dict[str, Any]:
 
 def factor(name: str, grid: str) -> dict[str, Any]:
     """The factor of safety of a scene's mean soil, by the limit load, beside the known one."""
-    campaign, known = parse(read_scene(SCENES / f"{name}.toml")), FACTORS[name]
+    campaign, reference = parse(read_scene(SCENES / f"{name}.toml")), FACTORS[name]
     start = time.perf_counter()
     scene, state = built(campaign, grid)
     result = mpm.factor_of_safety(
-        scene, state, criterion="limit load", bracket=(0.8 * known, 1.25 * known), resolution=0.02, batch=6
+        scene, state, criterion="limit load", bracket=(0.8 * reference, 1.25 * reference), resolution=0.02, batch=6
     )
     assert result.kink is not None
     return {
@@ -130,8 +130,8 @@ def factor(name: str, grid: str) -> dict[str, Any]:
         "cell_m": campaign.grids[grid].cell,
         "particles": scene.particles.mass.size,
         "fos": round(result.kink, 3),
-        "known": known,
-        "error": round(result.kink / known - 1, 4),
+        "known": reference,
+        "error": round(result.kink / reference - 1, 4),
         "sharpness": result.sharpness,
         "seconds": round(time.perf_counter() - start, 1),
     }
@@ -142,15 +142,15 @@ def run(quick: bool) -> Report:
     texts = [path.read_text() for path in (*sorted(SCENES.glob("*.toml")), *sorted(HERE.glob("sites*.py")))]
     folder = ROOT / "out" / "sites" / code_digest(*texts)
 
-    def rows(name: str, make: Callable[[Any], dict[str, Any]], *given: Any) -> list[dict[str, Any]]:
-        return [stored_row(folder, f"{name} {each}", partial(make, each)) for each in given]
+    def rows(name: str, make: Callable[[Any], dict[str, Any]], *cases: Any) -> list[dict[str, Any]]:
+        return [stored_row(folder, f"{name} {case}", partial(make, case)) for case in cases]
 
     def either(few: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
         return few if quick else (*few, *more)
 
     line = stored_row(folder, "polyline", polyline)
     planes = rows("plane", plane, *either((4.0, 2.0), (1.0,)))
-    scenes = rows("scene", drawn, *sorted(path.stem for path in SCENES.glob("*.toml")))
+    scenes = rows("scene", compare_scene, *sorted(path.stem for path in SCENES.glob("*.toml")))
     grids = {name: ("rough",) if quick or name == "acads_3a" else ("rough", "refined") for name in FACTORS}
     factors = {name: rows(f"factor {name}", partial(factor, name), *grids[name]) for name in FACTORS}
     whole, cut = rows("domain", run_out, "whole", "cut")
@@ -172,5 +172,7 @@ def run(quick: bool) -> Report:
         "terrain_runout_error": slides[-2]["runout_m_error"],
         **{f"{name}_{what}": result[-1][what] for name, result in clay.items() for what in PUBLISHED},
     }
-    known = chain.from_iterable(factors.values())
-    return Report(values, [line, *planes, *scenes, *known, whole, cut, *slides, *chain.from_iterable(clay.values())])
+    all_factors = chain.from_iterable(factors.values())
+    return Report(
+        values, [line, *planes, *scenes, *all_factors, whole, cut, *slides, *chain.from_iterable(clay.values())]
+    )

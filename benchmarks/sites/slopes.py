@@ -176,11 +176,13 @@ def _verification() -> list[Case]:
 
 def _growing(unit_weight: float, strength: float, rate: float, top: float, count: int, end: float) -> list[Layer]:
     """Clay from a top (m) down to the base at 0 whose strength (Pa) grows at a rate (Pa/m), in layers of one."""
-    each = top / count
+    thickness = top / count
     return [
         Layer(
-            Soil(unit_weight, strength=strength + rate * each * (number + 0.5), tension_cutoff=0.0),
-            None if number == count - 1 else [(0, top - each * (number + 1)), (end, top - each * (number + 1))],
+            Soil(unit_weight, strength=strength + rate * thickness * (number + 0.5), tension_cutoff=0.0),
+            None
+            if number == count - 1
+            else [(0, top - thickness * (number + 1)), (end, top - thickness * (number + 1))],
         )
         for number in range(count)
     ]

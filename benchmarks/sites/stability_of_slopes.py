@@ -113,7 +113,7 @@ def spreads(rows: list[dict[str, Any]]) -> dict[str, Any]:
         factors: dict[str, list[float]] = {}
         for one in rows:
             factors.setdefault(one["slope"], []).append(one["fos"])
-        return max((round(max(each) / min(each) - 1, 4) for each in factors.values()), default=None)
+        return max((round(max(of_slope) / min(of_slope) - 1, 4) for of_slope in factors.values()), default=None)
 
     usual = [one for one in rows if one["stiffness_over_reference"] == 1]
     return {
@@ -131,34 +131,36 @@ def costs(case: Case, cell: float) -> dict[str, Any]:
 def run(quick: bool) -> Report:
     """All slopes on their cells, and two of them with every cure on the coarse ones; `quick` takes those alone, without
     cures."""
-    known = [*cases(), *special_cases()]
+    all_cases = [*cases(), *special_cases()]
     folder = ROOT / "out" / "stability_of_slopes" / code_digest((Path(__file__).parent / "slopes.py").read_text())
-    locked = [(case, case.cells[0]) for case in known if case.name in LOCKED and not quick]
+    locked = [(case, case.cells[0]) for case in all_cases if case.name in LOCKED and not quick]
     with process_pool(len(cores_to_use())) as pool:
 
-        def begun(what: str, make: Any, case: Case, *given: Any) -> Future[dict[str, Any]]:
-            name = " ".join([what, case.name.replace("/", " of "), *map(str, given)])
-            return pool.submit(stored_row, folder, name, partial(make, case, *given))
+        def submit(what: str, make: Any, case: Case, *arguments: Any) -> Future[dict[str, Any]]:
+            name = " ".join([what, case.name.replace("/", " of "), *map(str, arguments)])
+            return pool.submit(stored_row, folder, name, partial(make, case, *arguments))
 
         # What takes longest begins first.
         ours = {
-            (case.name, cell): begun("slope", row, case, cell) for case in known for cell in _finest_first(case, quick)
+            (case.name, cell): submit("slope", row, case, cell)
+            for case in all_cases
+            for cell in _finest_first(case, quick)
         }
-        cost = [begun("steps", costs, case, cell) for case, cell in locked]
-        treated = [[begun("cure", cured, case, cell, cure) for cure in CURES] for case, cell in locked]
+        cost = [submit("steps", costs, case, cell) for case, cell in locked]
+        treated = [[submit("cure", cured, case, cell, cure) for cure in CURES] for case, cell in locked]
         stiff = [
-            begun("stiffness", of_stiffness, case, case.cells[0], ratio, reference)
-            for case in known
+            submit("stiffness", of_stiffness, case, case.cells[0], ratio, reference)
+            for case in all_cases
             if case.name in STIFF and not quick
             for ratio, reference in [
                 *((r, 1.0) for r in OVER_STRENGTH),
                 *((OVER_STRENGTH[1], f) for f in OVER_REFERENCE),
             ]
         ]
-        rows = [ours[case.name, cell].result() for case in known for cell in reversed(_finest_first(case, quick))]
+        rows = [ours[case.name, cell].result() for case in all_cases for cell in reversed(_finest_first(case, quick))]
         for runs, steps in zip(treated, cost, strict=True):
             rows += [one.result() | {"us_per_step": steps.result()[one.result()["cure"]]} for one in runs]
-    figures = {case.name: case.figure for case in known if case.figure}
+    figures = {case.name: case.figure for case in all_cases if case.figure}
     usual = [one for one in rows if "cure" not in one and one["case"] not in figures]
     stiffnesses = [one.result() for one in stiff]
     return Report(summarised(usual) | special(rows, figures) | spreads(stiffnesses), rows + stiffnesses)

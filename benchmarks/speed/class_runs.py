@@ -47,16 +47,16 @@ def run(quick: bool) -> Report:
     for case, name in NAMES.items():
         step = on_cores(1, "benchmarks.speed.class_runs", case, str(SECONDS[quick]))
         early, before = times(case, result)
-        each = step["step"] / step["time_step"]
+        second_cost = step["step"] / step["time_step"]
         rows.append(
             {
                 "case": case,
                 "value": name,
                 "ms_per_step": 1e3 * step["step"],
                 "simulated_s": early,
-                "core_seconds": early * each,
+                "core_seconds": early * second_cost,
                 "simulated_before_s": before,
-                "core_seconds_before": before * each,
+                "core_seconds_before": before * second_cost,
             }
         )
     values = {row["value"]: row["core_seconds"] for row in rows}

@@ -48,9 +48,9 @@ class Wait(NamedTuple):
 
 def kept_in(folder: Path) -> dict[str, str]:
     """The environment of a user whose first command keeps compiled programs and bytecode, in a folder of their own."""
-    given = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     return {
-        **given,
+        **environment,
         "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"),
         "PYTHONPYCACHEPREFIX": str(folder / "bytecode"),
     }
@@ -102,13 +102,13 @@ def scene_of(case: Case) -> dict[str, Any]:
     ground = {"surface": _plain(shape.surface), "base": float(shape.base)}
     ground |= {name: _plain(getattr(shape, name)) for name in ("walls", "bedrock") if getattr(shape, name) is not None}
     if shape.interface is not None:
-        ground["interface"] = _given(shape.interface)
+        ground["interface"] = _non_defaults(shape.interface)
     cell = float(case.cells[0])
     return {
         "name": case.name,
         "ground": ground,
         "layer": [
-            {"name": layer.name or f"soil {number}", "unusual": True, **_given(layer.soil), **_boundary(layer)}
+            {"name": layer.name or f"soil {number}", "unusual": True, **_non_defaults(layer.soil), **_boundary(layer)}
             for number, layer in enumerate(layers, 1)
         ],
         **({"water": water} if water else {}),
@@ -119,17 +119,19 @@ def scene_of(case: Case) -> dict[str, Any]:
 
 
 def _boundary(layer: Layer) -> dict[str, Any]:
-    given = {name: getattr(layer, name) for name in ("bottom", "depth", "thickness")}
-    return {name: _plain(value) for name, value in given.items() if value is not None}
+    places = {name: getattr(layer, name) for name in ("bottom", "depth", "thickness")}
+    return {name: _plain(value) for name, value in places.items() if value is not None}
 
 
-def _given(part: Any) -> dict[str, Any]:
+def _non_defaults(part: Any) -> dict[str, Any]:
     """Fields of a soil or an interface that have another value than their default."""
-    own = {each.name: (getattr(part, each.name), each.default) for each in fields(part) if each.name not in NUMERICS}
+    values = {
+        field.name: (getattr(part, field.name), field.default) for field in fields(part) if field.name not in NUMERICS
+    }
     required = ("unit_weight", "young", "poisson")
     return {
         name: float(value)
-        for name, (value, default) in own.items()
+        for name, (value, default) in values.items()
         if value is not None and (value != default or (name in required and not isinstance(part, Interface)))
     }
 
@@ -158,7 +160,7 @@ def write_soundings(folder: Path) -> list[Path]:
 
 def run(quick: bool) -> Report:
     """Waits of all commands; `quick` takes each once, and the first two slopes."""
-    repeats, known = (1, cases()[:2]) if quick else (REPEATS, cases())
+    repeats, slopes = (1, cases()[:2]) if quick else (REPEATS, cases())
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         environment = kept_in(folder)
@@ -169,7 +171,7 @@ def run(quick: bool) -> Report:
 
         def median(name: str, *arguments: str | Path, repeats: int = repeats) -> Wait:
             waits = [wait(arguments, environment) for _ in range(repeats)]
-            typed = Wait(*(statistics.median(each) for each in zip(*waits, strict=True)))
+            typed = Wait(*(statistics.median(column) for column in zip(*waits, strict=True)))
             rows.append({"command": name, "seconds": round(typed.seconds, 2), "cpu_s": round(typed.cpu, 2)})
             return typed
 
@@ -184,7 +186,7 @@ def run(quick: bool) -> Report:
         soundings = write_soundings(folder)
         values["site_s"] = median("site", "site", *soundings, "--n-kt", "14", "--out", folder / "site").seconds
         waits = []
-        for number, case in enumerate(known):
+        for number, case in enumerate(slopes):
             scene = folder / f"slope-{number}.toml"
             scene.write_text(to_toml(scene_of(case)))
             waits.append(median(f"fos --quick, {case.name}", "fos", scene, "--quick", repeats=1).cpu)

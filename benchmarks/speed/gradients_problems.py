@@ -143,9 +143,9 @@ def set_up(steps: int) -> Problem:
     heights = jnp.asarray([z for _, z in shape.surface], float)
 
     def reached(factors: Factors) -> Array:
-        drawn = mpm.ground.reshaped(scene, state, shape, heights * factors["heights"])
+        reshaped = mpm.ground.reshaped(scene, state, shape, heights * factors["heights"])
         varied = {name: value * factors[name] for name, value in values.items()}
-        final, _ = mpm.replay(*mpm.with_soil(*drawn, **varied), steps)
+        final, _ = mpm.replay(*mpm.with_soil(*reshaped, **varied), steps)
         return objectives.log_displacement(final)
 
     return differentiated(reached, [*values, "heights"])

@@ -175,8 +175,8 @@ def in_zones(below: Variant, above: Variant) -> Variant:
         upper = height > np.median(height)
         order, count = np.argsort(upper, kind="stable"), int(np.sum(~upper))
 
-        def cut(tree: Any, own: np.ndarray) -> Any:
-            return jax.tree.map(lambda leaf: leaf[..., own] if leaf.shape[-1:] == height.shape else leaf, tree)
+        def cut(tree: Any, chosen: np.ndarray) -> Any:
+            return jax.tree.map(lambda leaf: leaf[..., chosen] if leaf.shape[-1:] == height.shape else leaf, tree)
 
         (low, old), (high, _) = (variant(scene, state) for variant in (below, above))
         halves = cut(low.material, order[:count]), cut(high.material, order[count:])
@@ -286,8 +286,8 @@ def ends_of_a_section(
     top, low, end = slope.foundation + slope.height, slope.foundation, slope.extent[0]
     line = [(0, top), (end, top)] if ends == "tied" else [(0, top), (slope.crest, top), (slope.toe_x, low), (end, low)]
     with_it, walled = (
-        mpm.section(mpm.Section(line), campaign.soil, replace(campaign.grids["rough"], cfl=CFL), ends=each)
-        for each in (ends, "roller")
+        mpm.section(mpm.Section(line), campaign.soil, replace(campaign.grids["rough"], cfl=CFL), ends=end_condition)
+        for end_condition in (ends, "roller")
     )
     return with_it, walled
 

@@ -77,18 +77,18 @@ def transfers() -> Iterator[dict[str, Any]]:
         "g2p, 3 gradients": lambda x, q, s, f, **e: g2p(grid, kernel, x, f, values=0, gradients=d, **e)[1],
         "cell sums, 2 rows": lambda x, q, s, f, **e: cell_sums(cell, q[:2] + 0 * x[:1], cells=grid.nodes, **e),
     }
-    given = (carried, stress, nodal)
+    values = (carried, stress, nodal)
     for name, run in runs.items():
         row: dict[str, Any] = {"transfer": name, "particles": n}
         with jax.enable_x64(True):
-            exact = [jnp.asarray(a, jnp.float64) for a in (position, *given)]
+            exact = [jnp.asarray(a, jnp.float64) for a in (position, *values)]
             expected = np.asarray(jax.jit(partial(run, engine=Engine.XLA))(*exact))
         for label, engine in ENGINES.items():
             on = partial(run, engine=engine)
-            error = np.abs(np.asarray(jax.jit(on)(position, *given)) - expected).max() / np.abs(expected).max()
+            error = np.abs(np.asarray(jax.jit(on)(position, *values)) - expected).max() / np.abs(expected).max()
 
             def alone(x: jax.Array, on: Callable[..., Any] = on) -> Any:
-                return on(x, *given)
+                return on(x, *values)
 
             row |= {f"{label}_us": round(microseconds(alone, position), 1)}
             row |= {f"{label}_error": float(f"{error:.2e}")}
@@ -188,20 +188,20 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.2, help="of a chunk of steps")
     parser.add_argument("--parts", default="transfers,steps,gradients,repeats")
     parser.add_argument("--steps", default=";".join(STEPS), help="names of steps, with semicolons between them")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     parts = {
         "transfers": transfers,
-        "steps": lambda: steps(given.steps.split(";"), given.seconds),
+        "steps": lambda: steps(arguments.steps.split(";"), arguments.seconds),
         "gradients": gradients,
         "repeats": repeats,
     }
     card = jax.devices()[0].device_kind
-    for part in given.parts.split(","):
+    for part in arguments.parts.split(","):
         for row in parts[part]():
             line = json.dumps({"card": card, "jax": jax.__version__, **row})
             print(line, flush=True)
-            if given.out is not None:
-                with given.out.open("a") as rows:
+            if arguments.out is not None:
+                with arguments.out.open("a") as rows:
                     rows.write(line + "\n")
 
 

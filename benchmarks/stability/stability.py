@@ -297,8 +297,8 @@ def refusal_rows() -> Iterator[Row]:
     yield judged("arrays of its neighbours that a lane that breaks off changes", differing, 0, "arrays")
     expected = [mpm.Status.NOT_FINITE, mpm.Status.TIME_STEP_TOO_LARGE, mpm.Status.OUTSIDE_GRID]
     wrong = sum(
-        int(status != wanted or step != 1)
-        for status, step, wanted in zip(broken.status[1:4], broken.state.step[1:4], expected, strict=True)
+        int(status != required or step != 1)
+        for status, step, required in zip(broken.status[1:4], broken.state.step[1:4], expected, strict=True)
     )
     yield judged("lanes that broke off without the right status and step", wrong, 0, "of 3 lanes")
 

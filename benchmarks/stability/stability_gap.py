@@ -77,8 +77,8 @@ def slab(
         scene, state = mpm.terrain(mpm.Terrain(flat, 0.0, interface=interface), clay, numerics, speed=2 * SPEED)
         upright = scene.grid.dimension - 1
         low, high = (wall.index for wall in scene.boundary.walls if wall.axis == 0)
-        across = [replace(each, hold="roller") for each in scene.boundary.walls if each.axis == 1]
-        floor = [each for each in scene.boundary.walls if each.axis == upright]
+        across = [replace(wall, hold="roller") for wall in scene.boundary.walls if wall.axis == 1]
+        floor = [wall for wall in scene.boundary.walls if wall.axis == upright]
         scene = replace(scene, boundary=replace(scene.boundary, walls=(*across, *floor), tied=(low, high)))
     particles = scene.particles
     moves = particles.position[-1] > bed

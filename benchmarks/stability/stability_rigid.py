@@ -94,7 +94,7 @@ def angular_momentum(scene: mpm.Scene, state: mpm.State) -> float:
     mass times the spread of B-splines, h^2 / 4, times the curl of their velocity."""
     m, position = scene.particles.mass, diagnostics.position(scene, state)
     x, z = position - jnp.sum(m * position, axis=1, keepdims=True) / jnp.sum(m)
-    own = x * state.velocity[1] - z * state.velocity[0]
+    momentum = x * state.velocity[1] - z * state.velocity[0]
     if state.affine is not None:
-        own = own + (state.affine[1, 0] - state.affine[0, 1]) * scene.grid.cell**2 / 4
-    return float(jnp.sum(m * own))
+        momentum = momentum + (state.affine[1, 0] - state.affine[0, 1]) * scene.grid.cell**2 / 4
+    return float(jnp.sum(m * momentum))

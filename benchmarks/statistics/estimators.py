@@ -260,16 +260,16 @@ def measured(tasks: list[tuple[Repeat, Any, int]], quick: bool) -> list[np.ndarr
     folder, parts = ROOT / "out" / "estimators" / digest, 2 if quick else 20
     with process_pool(len(cores_to_use())) as pool:
 
-        def begun(what: Repeat, case: Any, count: int) -> list[Future[dict[str, Any]]]:
+        def submit(what: Repeat, case: Any, count: int) -> list[Future[dict[str, Any]]]:
             name = f"{what.__module__.split('.')[-1]} {re.sub(r'[^a-zA-Z0-9.=-]+', ' ', repr(case))}"
-            each = count // parts
+            size = count // parts
             return [
-                pool.submit(stored_row, folder, f"{name} {at} {each}", partial(_piece, what, case, at, each))
-                for at in range(0, count, each)
+                pool.submit(stored_row, folder, f"{name} {at} {size}", partial(_piece, what, case, at, size))
+                for at in range(0, count, size)
             ]
 
-        pieces = [begun(*task) for task in tasks]
-        return [np.concatenate([part.result()["rows"] for part in each]) for each in pieces]
+        pieces = [submit(*task) for task in tasks]
+        return [np.concatenate([part.result()["rows"] for part in futures]) for futures in pieces]
 
 
 def _piece(what: Repeat, case: Any, first: int, count: int) -> dict[str, Any]:
@@ -287,14 +287,14 @@ def run(quick: bool = False) -> Report:
     if quick:
         todo = [case for case in todo if case.samples <= 5000]
     on_section = [(method, runs) for method in section.METHODS for runs in section.BUDGETS]
-    asked: list[tuple[Repeat, Any, int]] = [(repeat, case, repetitions) for case in todo]
+    tasks: list[tuple[Repeat, Any, int]] = [(repeat, case, repetitions) for case in todo]
     # The shortest campaigns scatter most.
     shortest = [case for case in linked if (case.pf, case.target_cov) == (0.244, 0.25)]
-    asked += [(repeat, case, repetitions if case in shortest else fewer) for case in linked]
-    asked += [(repeat, case, fewer) for case in (*same, *deep)]
-    asked += [(means.repeat, case, fewer) for case in means.CASES]
-    asked += [(section.repeat, case, repetitions) for case in on_section]
-    answer = {(what, case): rows for (what, case, _), rows in zip(asked, measured(asked, quick), strict=True)}
+    tasks += [(repeat, case, repetitions if case in shortest else fewer) for case in linked]
+    tasks += [(repeat, case, fewer) for case in (*same, *deep)]
+    tasks += [(means.repeat, case, fewer) for case in means.CASES]
+    tasks += [(section.repeat, case, repetitions) for case in on_section]
+    answer = {(what, case): rows for (what, case, _), rows in zip(tasks, measured(tasks, quick), strict=True)}
     table = {case: summarise(case, answer[repeat, case]) for case in [*todo, *linked, *deep]}
     alike = [alike_row(case, answer[repeat, case]) for case in same]
     of_failures = [means.summarise(case, answer[means.repeat, case]) for case in means.CASES]

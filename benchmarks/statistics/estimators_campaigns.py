@@ -80,8 +80,8 @@ def _both_ends(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.r
 
 def _clayton(case: Case, rough: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> Pair:
     """By conditional inversion: good ranks of what stands, poor ones of what fails."""
-    first, given = norm.cdf(rough), norm.cdf(other)
-    second = ((given ** (-CLAYTON / (1 + CLAYTON)) - 1) * first**-CLAYTON + 1) ** (-1 / CLAYTON)
+    first, condition = norm.cdf(rough), norm.cdf(other)
+    second = ((condition ** (-CLAYTON / (1 + CLAYTON)) - 1) * first**-CLAYTON + 1) ** (-1 / CLAYTON)
     return rough, second > 1 - case.pf
 
 

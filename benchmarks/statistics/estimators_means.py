@@ -57,8 +57,8 @@ def repeat(case: Means, first: int, count: int) -> np.ndarray:
 def audited(estimator: Any, rough: np.ndarray, failed: np.ndarray) -> Phases:
     """A campaign whose audit has ended. rough: displacements (N,) m. failed: on the refined grid (N,)."""
     population = Population(rough)
-    drawn = estimator.weights(population, dict(enumerate(failed.tolist())))
-    return Phases(estimator, 1.0, population=population, answers={n: bool(failed[n]) for n in drawn})
+    weights = estimator.weights(population, dict(enumerate(failed.tolist())))
+    return Phases(estimator, 1.0, population=population, answers={n: bool(failed[n]) for n in weights})
 
 
 def slid(phases: Phases, failed: np.ndarray, count: int | None, seed: int) -> tuple[Phases, list[int], Slides]:
@@ -95,17 +95,17 @@ def _former_mean(audit: Phases, consequence: np.ndarray, count: int | None, gene
     weight = {n: w for n, w in audit.weights.items() if audit.answers[n] and w}
     if not weight:
         return float("nan")
-    numbers, each = np.array(list(weight)), np.array(list(weight.values()))
+    numbers, weights = np.array(list(weight)), np.array(list(weight.values()))
     if count is not None and count < numbers.size:
         chance = np.zeros(numbers.size)
         sure = np.zeros(numbers.size, bool)
-        while not sure.all() and ((chance := (count - sure.sum()) * each / each[~sure].sum())[~sure] >= 1).any():
+        while not sure.all() and ((chance := (count - sure.sum()) * weights / weights[~sure].sum())[~sure] >= 1).any():
             sure |= chance >= 1
         chance = np.where(sure, 1.0, chance)
-        drawn = np.diff(np.floor(np.concatenate([[0.0], np.cumsum(chance)]) + generator.random())) > 0
-        drawn |= sure
-        numbers, each = numbers[drawn], each[drawn] / chance[drawn]
-    return float(each @ consequence[numbers] / each.sum())
+        selected = np.diff(np.floor(np.concatenate([[0.0], np.cumsum(chance)]) + generator.random())) > 0
+        selected |= sure
+        numbers, weights = numbers[selected], weights[selected] / chance[selected]
+    return float(weights @ consequence[numbers] / weights.sum())
 
 
 def summarise(case: Means, rows: np.ndarray) -> dict[str, Any]:
@@ -133,12 +133,12 @@ def summarise(case: Means, rows: np.ndarray) -> dict[str, Any]:
 def values(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Coverage, and the error over that of the draw of before."""
     ratio = [(row["slides"] == "of the audit", row["rmse"] / row["former_rmse"]) for row in rows]
-    along = [each for of_audit, each in ratio if not of_audit]
+    along = [error_ratio for of_audit, error_ratio in ratio if not of_audit]
     return {
         "coverage_mean_min": min(row["coverage"] for row in rows),
         "coverage_mean_max": max(row["coverage"] for row in rows),
         "mean_without_interval_max": max(row["without_interval"] / row["campaigns"] for row in rows),
         "mean_rmse_over_former_min": min(along),
         "mean_rmse_over_former_max": max(along),
-        "mean_rmse_over_former_of_the_audits_max": max(each for of_audit, each in ratio if of_audit),
+        "mean_rmse_over_former_of_the_audits_max": max(error_ratio for of_audit, error_ratio in ratio if of_audit),
     }

@@ -47,7 +47,7 @@ def population(study: str) -> Pairs:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SampledCampaign:
     """Samples of one campaign: their numbers in the population (N,), which grid screens them, refined runs allowed."""
 
     of: Pairs
@@ -73,39 +73,39 @@ class Drawn:
         return float(spent[self.grid][self.at].sum() + spent["refined"][self.at[refined]].sum()) + fixed
 
 
-def _audited(drawn: Drawn) -> Spent:
-    refined, plan = dict(enumerate(drawn.failed.tolist())), AuditPlan(runs=drawn.runs, seed=drawn.seed)
-    screened = Population(drawn.rough)
-    return two_phase(screened, refined, plan), drawn.seconds(np.array(list(sample_weights(screened, refined, plan))))
+def _audited(campaign: SampledCampaign) -> Spent:
+    refined, plan = dict(enumerate(campaign.failed.tolist())), AuditPlan(runs=campaign.runs, seed=campaign.seed)
+    screened = Population(campaign.rough)
+    return two_phase(screened, refined, plan), campaign.seconds(np.array(list(sample_weights(screened, refined, plan))))
 
 
-def _published(drawn: Drawn) -> Spent:
-    refined, k_t = dict(enumerate(drawn.failed.tolist())), max(drawn.at.size // 50, 3)
-    order = rank_samples(drawn.rough).order
-    return published(drawn.rough, refined, k_t), drawn.seconds(order[: stopping_rank(order, refined, k_t)])
+def _published(campaign: SampledCampaign) -> Spent:
+    refined, k_t = dict(enumerate(campaign.failed.tolist())), max(campaign.at.size // 50, 3)
+    order = rank_samples(campaign.rough).order
+    return published(campaign.rough, refined, k_t), campaign.seconds(order[: stopping_rank(order, refined, k_t)])
 
 
-def _control_variate(drawn: Drawn) -> Spent:
-    first = np.arange(drawn.runs)
-    return control_variate(drawn.rough, dict(enumerate(drawn.failed[first].tolist()))), drawn.seconds(first)
+def _control_variate(campaign: SampledCampaign) -> Spent:
+    first = np.arange(campaign.runs)
+    return control_variate(campaign.rough, dict(enumerate(campaign.failed[first].tolist()))), campaign.seconds(first)
 
 
-def _screening_alone(drawn: Drawn) -> Spent:
-    fails, count = int(np.sum(drawn.rough > LIMIT)), drawn.at.size
+def _screening_alone(campaign: SampledCampaign) -> Spent:
+    fails, count = int(np.sum(campaign.rough > LIMIT)), campaign.at.size
     result = Estimate(fails / count, wilson_interval(fails, count), np.nan, 0, "screening alone")
-    return result, drawn.seconds(np.zeros(0, int))
+    return result, campaign.seconds(np.zeros(0, int))
 
 
-def _monte_carlo(drawn: Drawn) -> Spent:
-    spent = drawn.of.seconds["refined"][drawn.at]
-    return monte_carlo(drawn.failed), float(spent.sum())
+def _monte_carlo(campaign: SampledCampaign) -> Spent:
+    spent = campaign.of.seconds["refined"][campaign.at]
+    return monte_carlo(campaign.failed), float(spent.sum())
 
 
 @dataclass(frozen=True)
 class Method:
     """What a campaign does, the grid that screens, samples per refined run of the budget, and the population."""
 
-    act: Callable[[Drawn], Spent]
+    act: Callable[[SampledCampaign], Spent]
     grid: str = "rough"
     per_run: int = 10
     study: str = "published"
@@ -137,8 +137,8 @@ def repeat(case: tuple[str, int], first: int, count: int) -> np.ndarray:
     rows = []
     for number in range(first, first + count):
         generator = np.random.default_rng([number, runs, list(METHODS).index(method)])
-        drawn = Drawn(pairs, generator.integers(size, size=how.per_run * runs), how.grid, runs, number)
-        result, seconds = how.act(drawn)
+        campaign = SampledCampaign(pairs, generator.integers(size, size=how.per_run * runs), how.grid, runs, number)
+        result, seconds = how.act(campaign)
         refined = runs if how.grid == "refined" else result.refined_runs
         rows.append((result.probability, *result.interval, refined, seconds))
     return np.array(rows)
@@ -173,8 +173,8 @@ def values(rows: list[dict[str, Any]]) -> dict[str, float]:
         ("Monte Carlo, default settings", "default_monte_carlo"),
         ("two-phase, default settings", "default_two_phase"),
     ):
-        mine = [row for row in rows if row["method"] == method]
-        named[f"section_{name}_seconds_for_10_percent"] = seconds_for(mine, 0.1)
+        method_rows = [row for row in rows if row["method"] == method]
+        named[f"section_{name}_seconds_for_10_percent"] = seconds_for(method_rows, 0.1)
     return named
 
 
@@ -211,16 +211,20 @@ def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     FigureCanvasAgg(figure)
     error, bias = figure.subplots(1, 2)
     for method in (name for name, how in METHODS.items() if how.study == "published"):
-        mine = sorted((row for row in rows if row["method"] == method), key=lambda row: row["seconds"])
+        method_rows = sorted((row for row in rows if row["method"] == method), key=lambda row: row["seconds"])
         kind, calibrated = method.removesuffix(", calibrated"), method.endswith("calibrated")
-        look = {
+        style = {
             "color": colours[kind], "marker": markers[kind], "ls": "--" if calibrated else "-", "ms": 6,
             "mfc": "none" if calibrated else colours[kind],
         }  # fmt: skip
-        seconds = [row["seconds"] for row in mine]
-        error.plot(seconds, [100 * row["rmse"] for row in mine], label=method, **look)
+        seconds = [row["seconds"] for row in method_rows]
+        error.plot(seconds, [100 * row["rmse"] for row in method_rows], label=method, **style)
         bias.errorbar(
-            seconds, [100 * row["bias"] for row in mine], [200 * row["bias_error"] for row in mine], capsize=2, **look
+            seconds,
+            [100 * row["bias"] for row in method_rows],
+            [200 * row["bias_error"] for row in method_rows],
+            capsize=2,
+            **style,
         )
     error.set(xscale="log", yscale="log", ylabel="root mean square error of $P_f$ [%]")
     bias.set(xscale="log", ylim=(-9, 9), ylabel="bias of $P_f$ [%], bars of 2 standard errors")

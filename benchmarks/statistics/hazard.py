@@ -48,7 +48,7 @@ def events(of: Population) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SampledCampaign:
     """A campaign that has run. result: its P_f. weight: what each slide stands for (n,). at: which sample of the
     population each is (n,)."""
 
@@ -59,34 +59,37 @@ class Drawn:
 
 def campaigns(
     of: Population, estimator: Estimator, samples: int, slides: tuple[int | None, ...], seed: int
-) -> list[Drawn]:
+) -> list[SampledCampaign]:
     """One campaign whose samples are drawn from a population with replacement, with as many of its failures sliding as
     each of `slides` describes."""
     at = np.random.default_rng([seed, samples]).integers(of.rough.size, size=samples)
     failed, result = of.refined[at] > LIMIT, []
     audit = means.audited(estimator, of.rough[at], failed)
     for count in slides:
-        phases, numbers, drawn = means.slid(audit, failed, count, seed)
-        mine = drawn.slid & (drawn.weight > 0)
-        result.append(Drawn(phases.estimate, drawn.weight[mine], at[np.array(numbers)[mine]]))
+        phases, numbers, slides_of = means.slid(audit, failed, count, seed)
+        sliding = slides_of.slid & (slides_of.weight > 0)
+        result.append(SampledCampaign(phases.estimate, slides_of.weight[sliding], at[np.array(numbers)[sliding]]))
     return result
 
 
-class Held:
+class Tally:
     """How often the maps of campaigns held the truth (k,) of so many cells, and agreed with those of Monte Carlo."""
 
     def __init__(self, truth: np.ndarray) -> None:
         self.truth, self.campaigns, self.slides, self.area, self.loss = truth, 0, 0, 0.0, 0.0
-        self.held, self.agree, self.bias = (np.zeros(truth.size) for _ in range(3))
+        self.covered, self.agree, self.bias = (np.zeros(truth.size) for _ in range(3))
 
-    def add(self, of: Population, happens: np.ndarray, drawn: Drawn, plain: Drawn) -> None:
+    def add(self, of: Population, happens: np.ndarray, campaign: SampledCampaign, plain: SampledCampaign) -> None:
         """Count one campaign, and one by Monte Carlo beside it. happens: (N, k)."""
-        maps, other = (chance_of(each.result, each.weight, happens[each.at]) for each in (drawn, plain))
-        self.held += (maps.low <= self.truth) & (self.truth <= maps.high)
+        maps, other = (
+            chance_of(campaign_or_plain.result, campaign_or_plain.weight, happens[campaign_or_plain.at])
+            for campaign_or_plain in (campaign, plain)
+        )
+        self.covered += (maps.low <= self.truth) & (self.truth <= maps.high)
         self.agree += agreeing(maps, other)
         self.bias += maps.value - self.truth
-        self.campaigns, self.slides = self.campaigns + 1, self.slides + drawn.at.size
-        self.area, self.loss = max(self.area, area_error(of, drawn)), max(self.loss, loss_error(of, drawn))
+        self.campaigns, self.slides = self.campaigns + 1, self.slides + campaign.at.size
+        self.area, self.loss = max(self.area, area_error(of, campaign)), max(self.loss, loss_error(of, campaign))
 
     @property
     def often(self) -> np.ndarray:
@@ -103,19 +106,19 @@ def coverage(name: str, repeats: int) -> tuple[list[dict[str, Any]], list[np.nda
     some = happens.any(axis=0)
     happens, cells = happens[:, some], cells[some]
     counts = (None, 20)
-    tallies = {count: Held(happens.mean(axis=0)) for count in counts}
+    tallies = {count: Tally(happens.mean(axis=0)) for count in counts}
     for seed in range(repeats):
         (plain,) = campaigns(of, MonteCarlo(), SAMPLES // 2, (None,), seed + 10**6)
-        drawn = campaigns(of, TwoPhase(refined_runs=REFINED, seed=seed), SAMPLES, counts, seed)
-        for count, each in zip(counts, drawn, strict=True):
-            tallies[count].add(of, happens, each, plain)
-    rows = [_row(name, of, count, held, cells) for count, held in tallies.items()]
-    return rows, [np.repeat(held.held[held.often] / repeats, cells[held.often]) for held in tallies.values()]
+        audited = campaigns(of, TwoPhase(refined_runs=REFINED, seed=seed), SAMPLES, counts, seed)
+        for count, campaign in zip(counts, audited, strict=True):
+            tallies[count].add(of, happens, campaign, plain)
+    rows = [_row(name, of, count, tally, cells) for count, tally in tallies.items()]
+    return rows, [np.repeat(tally.covered[tally.often] / repeats, cells[tally.often]) for tally in tallies.values()]
 
 
-def _row(name: str, of: Population, slides: int | None, held: Held, cells: np.ndarray) -> dict[str, Any]:
-    often, repeats = held.often, held.campaigns
-    covered, weight = held.held / repeats, cells[often]
+def _row(name: str, of: Population, slides: int | None, tally: Tally, cells: np.ndarray) -> dict[str, Any]:
+    often, repeats = tally.often, tally.campaigns
+    covered, weight = tally.covered / repeats, cells[often]
     return {
         "population": name,
         "slides": "all" if slides is None else slides,
@@ -127,10 +130,10 @@ def _row(name: str, of: Population, slides: int | None, held: Held, cells: np.nd
         "rarer_cells": int(cells[~often].sum()),
         "rarer_coverage_mean": float(np.average(covered[~often], weights=cells[~often])),
         "rarer_coverage_min": float(covered[~often].min()),
-        "agrees_with_monte_carlo": float(np.average(held.agree[often] / repeats, weights=weight)),
-        "bias_over_truth": float(np.abs(held.bias[often] / repeats / held.truth[often]).max()),
-        "covered_area_error": held.area,
-        "loss_identity_error": held.loss,
+        "agrees_with_monte_carlo": float(np.average(tally.agree[often] / repeats, weights=weight)),
+        "bias_over_truth": float(np.abs(tally.bias[often] / repeats / tally.truth[often]).max()),
+        "covered_area_error": tally.area,
+        "loss_identity_error": tally.loss,
         "edge_based_area_over_columns": float(
             of.numbers["area"][of.fails].mean() / of.numbers["area_columns"][of.fails].mean() - 1
         ),
@@ -143,28 +146,28 @@ def agreeing(one: Chances, other: Chances) -> np.ndarray:
     return np.abs(one.value - other.value) <= np.hypot(lower - one.value, upper - other.value)
 
 
-def area_error(of: Population, drawn: Drawn) -> float:
+def area_error(of: Population, campaign: SampledCampaign) -> float:
     """How far the map of what is covered at the end, summed beyond the toe, lies from the expected covered area."""
-    covered = of.columns["column_deposit"][drawn.at][:, of.beyond :] >= of.least
-    mapped = float(chance_of(drawn.result, drawn.weight, covered).value.sum()) * of.cell_area
-    counted = float(mean_of(drawn.result, drawn.weight, of.numbers["area_columns"][drawn.at]).value)
+    covered = of.columns["column_deposit"][campaign.at][:, of.beyond :] >= of.least
+    mapped = float(chance_of(campaign.result, campaign.weight, covered).value.sum()) * of.cell_area
+    counted = float(mean_of(campaign.result, campaign.weight, of.numbers["area_columns"][campaign.at]).value)
     return abs(mapped / counted - 1)
 
 
-def loss_error(of: Population, drawn: Drawn) -> float:
+def loss_error(of: Population, campaign: SampledCampaign) -> float:
     """How far the area under the loss exceedance curve lies from the expected loss, of a house at the foot."""
-    thickest = of.columns["column_thickness"][drawn.at][:, of.beyond + 1].reshape(drawn.at.size, -1).max(axis=1)
+    thickest = of.columns["column_thickness"][campaign.at][:, of.beyond + 1].reshape(campaign.at.size, -1).max(axis=1)
     lost = 1e5 * HOUSE.share(thickest)
-    curve = exceedance(drawn.result, drawn.weight, lost, np.unique(np.concatenate([[0.0], lost])))
+    curve = exceedance(campaign.result, campaign.weight, lost, np.unique(np.concatenate([[0.0], lost])))
     under = float(np.array(curve.probability[:-1]) @ np.diff(curve.thresholds))
-    expected = float(mean_of(drawn.result, drawn.weight, lost).value)
+    expected = float(mean_of(campaign.result, campaign.weight, lost).value)
     return abs(under / expected - 1) if expected else abs(under)
 
 
 def overhead(repeats: int) -> dict[str, Any]:
     """Share of a step that looking at the columns takes, on the published rough section and slope, on one core."""
     result = [on_cores(1, "benchmarks.statistics.hazard", name, str(repeats)) for name in ("paper_section", "paper")]
-    return max(result, key=lambda each: each["overhead_share"])
+    return max(result, key=lambda row: row["overhead_share"])
 
 
 def report_size() -> float:

@@ -167,5 +167,5 @@ def make(name: str) -> None:
 
 
 if __name__ == "__main__":
-    for each in ("section", "solid"):
-        make(each)
+    for name in ("section", "solid"):
+        make(name)

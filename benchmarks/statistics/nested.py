@@ -125,15 +125,15 @@ def hours(seconds: Mapping[str, float], rows: Mapping[str, Mapping[str, Any]]) -
     """Expected hours by core seconds of a run, and rows by the name of their campaign."""
     values = {}
     for end, of in (("", ""), ("_default", ", default"), ("_rare", ", rare")):
-        each = [seconds[f"{grid}{'' if end == '_rare' else end}"] for grid in GRIDS]
+        costs = [seconds[f"{grid}{'' if end == '_rare' else end}"] for grid in GRIDS]
         case = next(case for case in GOOD if case.name == f"two grids{of}")
         alone = (1 - case.pf) / (case.pf * case.target_cov**2)
         name = "expected_hours_rare" if end == "_rare" else f"expected_hours_to_cov_10{end}"
-        values[f"{name}_one_grid"] = alone * each[-1] / (3600 * CORES)
+        values[f"{name}_one_grid"] = alone * costs[-1] / (3600 * CORES)
         for grids in ("two", "three"):
             case = next(case for case in GOOD if case.name == f"{grids} grids{of}")
             runs = (*case.samples, rows[case.name]["runs_q50"])
-            spent = sum(count * cost for count, cost in zip(runs, each[-len(runs) :], strict=True))
+            spent = sum(count * cost for count, cost in zip(runs, costs[-len(runs) :], strict=True))
             values[f"{name}_{grids}_grids"] = spent / (3600 * CORES)
     return values
 
@@ -152,16 +152,16 @@ def run(quick: bool) -> Report:
     answers = measured([(repeat, case, count) for case in cases], quick)
     rows = {case.name: summarise(case, answer) for case, answer in zip(cases, answers, strict=True)}
     good, bad = ([rows[case.name] for case in some] for some in (GOOD, BAD))
-    drawn = [row for case, row in zip(GOOD, good, strict=True) if case.coarser]
+    nested = [row for case, row in zip(GOOD, good, strict=True) if case.coarser]
     seconds = json.loads((FOLDER / "class_runs.json").read_text())["values"] | coarse
     values = {
         **coarse,
         "repetitions": count,
-        "coverage_min": min(row["coverage"] for row in drawn),
-        "coverage_sampling_min": min(row["coverage_sampling"] for row in drawn),
-        "coverage_sampling_max": max(row["coverage_sampling"] for row in drawn),
+        "coverage_min": min(row["coverage"] for row in nested),
+        "coverage_sampling_min": min(row["coverage_sampling"] for row in nested),
+        "coverage_sampling_max": max(row["coverage_sampling"] for row in nested),
         "coverage_bad_ranking_min": min(row["coverage"] for row in bad),
-        "bias_over_error_max": max(abs(row["bias"]) / row["bias_error"] for row in (*drawn, *bad)),
+        "bias_over_error_max": max(abs(row["bias"]) / row["bias_error"] for row in (*nested, *bad)),
         **hours(seconds, rows),
     }
     return Report(values, list(rows.values()))
@@ -172,7 +172,7 @@ def main(end: str, count: str) -> None:
     scene, table = SCENES[end]
     campaign = scene_campaign(scene)
     rough = campaign.rough
-    coarse = replace(rough, cell=2 * rough.cell, spacing=tuple(2 * each for each in rough.spacing))
+    coarse = replace(rough, cell=2 * rough.cell, spacing=tuple(2 * edge for edge in rough.spacing))
     campaign = replace(campaign, coarse=coarse, plan=replace(campaign.plan, samples=STUDIED, rough_samples=STUDIED))
     soil = random_soil(campaign)
     model, coefficients = build(campaign, "coarse", soil), coefficients_of(campaign, soil)
@@ -181,12 +181,12 @@ def main(end: str, count: str) -> None:
     numbers = list(before)[: int(count)]
     stop = campaign.run.failure_displacement
     list(run_samples(model, coefficients, numbers[:1], rules=model.campaign.rules(stop)))
-    begun = time.process_time()
+    start = time.process_time()
     ended = {
         sample.number: sample.result[0]
         for sample in run_samples(model, coefficients, numbers, rules=model.campaign.rules(stop))
     }
-    spent = time.process_time() - begun
+    spent = time.process_time() - start
     scores = [norm.ppf((rankdata([of[n] for n in numbers]) - 0.5) / len(numbers)) for of in (ended, before)]
     answer = {
         "coarse_core_seconds": spent / len(numbers),

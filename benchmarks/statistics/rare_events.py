@@ -62,11 +62,14 @@ def row(name: str, estimate: Estimate, runs: int, seconds: float, **more: Any) -
 
 def subset(run: Callable[[np.ndarray], np.ndarray], modes: int, limit: float, plan: SubsetPlan) -> tuple[Estimate, int]:
     """Mean over independent runs of subset simulation, with Student's interval of their scatter."""
-    drawn = subset_simulation(run, modes, plan)
+    sampled = subset_simulation(run, modes, plan)
     parts = (
         np.array(
             [
-                np.sum(drawn.weight[drawn.replicate == r] * (drawn.rough_displacement[drawn.replicate == r] > limit))
+                np.sum(
+                    sampled.weight[sampled.replicate == r]
+                    * (sampled.rough_displacement[sampled.replicate == r] > limit)
+                )
                 for r in range(plan.replicates)
             ]
         )
@@ -76,8 +79,8 @@ def subset(run: Callable[[np.ndarray], np.ndarray], modes: int, limit: float, pl
     half = float(student.ppf(0.975, plan.replicates - 1)) * error
     reach = (max(mean - half, 0.0), mean + half)
     return Estimate(
-        mean, reach, error / mean if mean else float("inf"), drawn.rough_runs, "subset simulation"
-    ), drawn.rough_runs
+        mean, reach, error / mean if mean else float("inf"), sampled.rough_runs, "subset simulation"
+    ), sampled.rough_runs
 
 
 def draw(rows: list[dict[str, Any]], folder: Path) -> None:

@@ -100,12 +100,12 @@ def _complete(campaign: Campaign, path: Path) -> None:
             samples = [_run(models[grid], coefficients, number) for grid in GRIDS]
             measured = [
                 (
-                    f"{each.row['displacement']:.6g}",
-                    each.row.get("mode", "broke off"),
-                    each.steps,
-                    f"{each.seconds:.3g}",
+                    f"{sample.row['displacement']:.6g}",
+                    sample.row.get("mode", "broke off"),
+                    sample.steps,
+                    f"{sample.seconds:.3g}",
                 )
-                for each in samples
+                for sample in samples
             ]
             put((number, *chain(*zip(*measured, strict=True))))
 

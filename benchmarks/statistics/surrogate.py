@@ -57,9 +57,9 @@ def write_scores() -> None:
 def scores() -> dict[str, np.ndarray]:
     """Scores of the 400 samples (samples,), by what gives them."""
     rows = rows_of(SCORES, COLUMNS, ("number",)).values()
-    known = {name: np.array([row[name] for row in rows], float) for name in ("slices", "regression")}
+    columns = {name: np.array([row[name] for row in rows], float) for name in ("slices", "regression")}
     chance = np.random.default_rng(0).permutation(len(rows)).astype(float)
-    return known | {"chance": chance, "slices, turned round": -known["slices"]}
+    return columns | {"chance": chance, "slices, turned round": -columns["slices"]}
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def main(*arguments: str) -> None:
     """Print a row for each case, of 200 campaigns, or as many as asked for."""
     if "--scores" in arguments:
         write_scores()
-    count = next((int(each) for each in arguments if each.isdecimal()), 200)
+    count = next((int(argument) for argument in arguments if argument.isdecimal()), 200)
     for case in CASES:
         print("  ".join(f"{key}={value}" for key, value in summarise(case, repeat(case, 0, count)).items()))
 

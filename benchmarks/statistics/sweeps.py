@@ -55,7 +55,7 @@ CASES = (
 )
 
 
-def drawn(case: Case, generator: np.random.Generator) -> tuple[list[np.ndarray], list[np.ndarray], list[float]]:
+def made_levels(case: Case, generator: np.random.Generator) -> tuple[list[np.ndarray], list[np.ndarray], list[float]]:
     """Rough displacements and refined failures (N,) of each level, and the true probability of failure there."""
     rough, other = generator.standard_normal((2, case.samples))
     refined = case.correlation * rough + np.sqrt(1 - case.correlation**2) * other
@@ -73,21 +73,21 @@ def answers(
     case: Case, displacements: list[np.ndarray], failed: list[np.ndarray], seed: int, *, share: bool
 ) -> list[tuple[Estimate, np.ndarray, float]]:
     """Estimate, failures counted at each sample (N,), and samples of a refined run, of each level."""
-    populations, shared = [Population(each) for each in displacements], None
+    populations, shared = [Population(values) for values in displacements], None
     if share:
         shared = shared_audit(populations)
-        populations = [replace(each, shared=shared) for each in populations]
-    estimator, given = TwoPhase(refined_runs=case.runs, seed=seed), []
+        populations = [replace(screened, shared=shared) for screened in populations]
+    estimator, answer = TwoPhase(refined_runs=case.runs, seed=seed), []
     for population, fails in zip(populations, failed, strict=True):
-        known: dict[int, bool | None] = {}
-        while asked := estimator.next_runs(population, known, case.runs, ()):
-            known |= {sample: bool(fails[sample]) for sample in asked}
-        phases = Phases(estimator, 1.0, population=population, answers=known)
+        answered: dict[int, bool | None] = {}
+        while next_samples := estimator.next_runs(population, answered, case.runs, ()):
+            answered |= {sample: bool(fails[sample]) for sample in next_samples}
+        phases = Phases(estimator, 1.0, population=population, answers=answered)
         assert phases.failures is not None
         counted = by_sample(phases.failures, phases.estimate.probability, case.samples)
         unit = unit_of(phases.weights, case.samples, None if shared is None else shared.doubt)
-        given.append((phases.estimate, counted, unit))
-    return given
+        answer.append((phases.estimate, counted, unit))
+    return answer
 
 
 def repeat(case: Case, first: int, count: int) -> np.ndarray:
@@ -99,8 +99,8 @@ def repeat(case: Case, first: int, count: int) -> np.ndarray:
     rows: list[list[list[list[float]]]] = []
     for number in range(first, first + count):
         generator = np.random.default_rng([number, 11, case.samples, int(100 * case.correlation)])
-        displacements, failed, truth = drawn(case, generator)
-        shares = [float(each.mean()) for each in failed]
+        displacements, failed, truth = made_levels(case, generator)
+        shares = [float(fails.mean()) for fails in failed]
         rows.append([])
         for share in (True, False):
             of_levels = answers(case, displacements, failed, number, share=share)

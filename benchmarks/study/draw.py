@@ -143,7 +143,7 @@ def view(ax: Any, slide: Slide, step: np.ndarray, norm: Normalize, cut: float) -
     """
     x, y, height, far = surface(slide.position + step, slid_part(step), slide.cell)
     # A grain in the air makes no spike.
-    height, far = (median_filter(each, 3, mode="nearest") for each in (height + slide.half_size[2], far))
+    height, far = (median_filter(image, 3, mode="nearest") for image in (height + slide.half_size[2], far))
     ax.plot(x, np.full(x.shape, cut), height[:, np.abs(y - cut).argmin()], color="black", lw=1, ls="--", zorder=2)
     # The sides of the block are a rim of the surface that goes down to the base.
     at_x, at_y = np.meshgrid(np.pad(x, 1, mode="edge"), np.pad(y, 1, mode="edge"), indexing="ij")

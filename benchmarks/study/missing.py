@@ -53,7 +53,7 @@ BRACKET = 0.98, 1.3
 """Of the search for a factor of safety: reductions that stand and that fail, of which the second is run."""
 
 
-def wanted(rows: Rows) -> Iterator[Run]:
+def missing_runs(rows: Rows) -> Iterator[Run]:
     """The runs in the order in which they are made, as far as the rows show which are needed."""
     for case in CASES:
         if "default" in case:
@@ -70,7 +70,10 @@ def _factors(rows: Rows, case: str) -> Iterator[Run]:
         tried = of_search(rows, case, grid)
         fails = min((reduction for reduction, fails in tried.items() if fails), default=None)
         below = math.inf if fails is None else fails
-        stands = max((each for each, failed in tried.items() if failed is False and each < below), default=BRACKET[0])
+        stands = max(
+            (reduction for reduction, failed in tried.items() if failed is False and reduction < below),
+            default=BRACKET[0],
+        )
         if below - stands > 1.5 * STEP:
             reduction = BRACKET[1] if fails is None else round((below + stands) / 2, 2)
             if reduction in tried:
@@ -120,18 +123,20 @@ def outcome_of(run: Run, folder: Path, stop: Callable[[], bool] = lambda: False)
         Stopped: `stop` was true; a restart point of a slide is there.
     """
     campaign, model, coefficients = _built(run.case, run.grid, run.reduction)
-    own, numbers = {run.sample: coefficients[run.sample]}, [run.sample]
+    sample_coefficients, numbers = {run.sample: coefficients[run.sample]}, [run.sample]
     if run.until == "class":
-        (sample,) = run_samples(model, own, numbers, rules=campaign.rules(campaign.run.failure_displacement), stop=stop)
+        (sample,) = run_samples(
+            model, sample_coefficients, numbers, rules=campaign.rules(campaign.run.failure_displacement), stop=stop
+        )
     else:
         with open_store(folder, campaign.source):
-            (sample,) = run_samples(model, own, numbers, restart_in=folder, stop=stop)
+            (sample,) = run_samples(model, sample_coefficients, numbers, restart_in=folder, stop=stop)
     return as_outcome(sample, float(model.scene.numerics.time_step), run.until)
 
 
 def as_outcome(sample: FinishedRun, dt: float, until: Until) -> Outcome:
     """A sample as the study's rows have it. dt: its time step (s). until: see `Run`."""
-    names = ["displacement"] if until == "class" else [each.name for each in fields(Outcome)]
+    names = ["displacement"] if until == "class" else [field.name for field in fields(Outcome)]
     measured = {name: sample.row[name] for name in names if name in sample.row}
     rounded = {name: float(f"{value:.6g}") if isinstance(value, float) else value for name, value in measured.items()}
     return Outcome(
@@ -171,7 +176,7 @@ def main() -> None:
         sys.exit(f"case {min(unknown)!r}: give some of {'; '.join(CASES)}")
     rows = read_study()
     with stop_by_signals() as stop:
-        while run := next((run for run in wanted(rows) if run.case in cases and run not in rows), None):
+        while run := next((run for run in missing_runs(rows) if run.case in cases and run not in rows), None):
             folder = ROOT / "out" / "study" / "missing" / f"{run.case}, {run.sample}, {run.reduction:g}"
             try:
                 rows[run] = outcome_of(run, folder, stop.requested)

@@ -71,8 +71,8 @@ def slides() -> list[Run]:
 
 def looks(times: np.ndarray, first: float) -> np.ndarray:
     """Numbers of the times (s), ascending, nearest to LOOKS after the first release (s), and of the last."""
-    wanted = [time for time in first + np.array(LOOKS) if time < times[-1]]
-    return np.unique([*(int(np.abs(times - time).argmin()) for time in wanted), times.size - 1])
+    look_times = [time for time in first + np.array(LOOKS) if time < times[-1]]
+    return np.unique([*(int(np.abs(times - time).argmin()) for time in look_times), times.size - 1])
 
 
 def watch(run: Run) -> Watched:
@@ -89,7 +89,7 @@ def watch(run: Run) -> Watched:
     result = solve(
         reduced(scene, run.reduction), state, t_end=campaign.run.t_end, snapshots=times.tolist()
     ).raise_if_failed()
-    position, volume = (np.asarray(each, float) for each in (scene.particles.position, scene.particles.volume))
+    position, volume = (np.asarray(array, float) for array in (scene.particles.position, scene.particles.volume))
     motion = ReleaseHistory.start(volume, FAILS_ABOVE)
     for at, seen in zip(result.times, result.snapshots, strict=True):
         motion = motion.after(at, np.linalg.norm(np.asarray(seen.displacement), axis=0))
@@ -103,13 +103,13 @@ def watch(run: Run) -> Watched:
     share, _ = np.histogram(y[sliding], bins=low + edges * (high - low), weights=volume[sliding])
     released, _ = np.histogram(motion.onset[sliding], bins=[0.0, *times], weights=volume[sliding])
     total = volume[sliding].sum()
-    drawn = looks(times, float(motion.onset.min()))
+    shown = looks(times, float(motion.onset.min()))
     slide = Slide(
         position,
         np.asarray(model.half_size),
         np.asarray(model.strength(coefficients)),
-        tuple(times[drawn].tolist()),
-        np.stack([np.asarray(result.snapshots[number].displacement) for number in drawn]),
+        tuple(times[shown].tolist()),
+        np.stack([np.asarray(result.snapshots[number].displacement) for number in shown]),
         campaign.grids[run.grid].cell,
     )
     past = Past(released / total, mode.depth, share / total, face.height, mode.name)
@@ -127,13 +127,13 @@ def stored() -> dict[int, Past]:
 
 def keep(pasts: dict[int, Past]) -> None:
     """Write pasts by sample."""
-    each = list(pasts.values())
+    values = list(pasts.values())
     np.savez_compressed(
         STORED,
         sample=np.array(list(pasts)),
-        released=np.stack([past.released for past in each]).astype(np.float32),
-        depth=np.stack([past.depth for past in each]).astype(np.float32),
-        share=np.stack([past.share for past in each]).astype(np.float32),
-        height=np.array([past.height for past in each]),
-        mode=np.array([past.mode for past in each]),
+        released=np.stack([past.released for past in values]).astype(np.float32),
+        depth=np.stack([past.depth for past in values]).astype(np.float32),
+        share=np.stack([past.share for past in values]).astype(np.float32),
+        height=np.array([past.height for past in values]),
+        mode=np.array([past.mode for past in values]),
     )

@@ -64,9 +64,9 @@ def kappa(one: Mapping[int, str], other: Mapping[int, str]) -> float | None:
 
 def mean_kappa(one: Mapping[int, str], readers: Mapping[str, Mapping[int, str]]) -> float | None:
     """Mean kappa with the readers; None where one of them is not defined."""
-    each = [kappa(one, named) for named in readers.values()]
-    known = [value for value in each if value is not None]
-    return sum(known) / len(known) if known and len(known) == len(each) else None
+    kappas = [kappa(one, named) for named in readers.values()]
+    defined = [value for value in kappas if value is not None]
+    return sum(defined) / len(defined) if defined and len(defined) == len(kappas) else None
 
 
 def kappa_interval(
@@ -82,8 +82,8 @@ def kappa_interval(
     """
     slides, generator, values = np.array(list(one)), np.random.default_rng(0), []
     for _ in range(repeats):
-        drawn = dict(enumerate(generator.choice(slides, slides.size).tolist()))
-        again = {reader: {at: named[n] for at, n in drawn.items()} for reader, named in readers.items()}
-        values.append(mean_kappa({at: one[n] for at, n in drawn.items()}, again))
+        resampled = dict(enumerate(generator.choice(slides, slides.size).tolist()))
+        again = {reader: {at: named[n] for at, n in resampled.items()} for reader, named in readers.items()}
+        values.append(mean_kappa({at: one[n] for at, n in resampled.items()}, again))
     low, high = np.quantile([value for value in values if value is not None], [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)

@@ -78,9 +78,9 @@ def shares(pasts: list[Past], reading: Reading) -> dict[str, float]:
     names = Counter(named(past, *reading) for past in pasts)
     either = names["progressive"] + names["compound"]
     low, high = wilson_interval(either, len(pasts))
-    each = {mode: names[mode] / len(pasts) for mode in SEVERITY}
-    each |= {"progressive_or_compound": either / len(pasts), "low": low, "high": high}
-    return {name: round(share, 3) for name, share in each.items()}
+    result = {mode: names[mode] / len(pasts) for mode in SEVERITY}
+    result |= {"progressive_or_compound": either / len(pasts), "low": low, "high": high}
+    return {name: round(share, 3) for name, share in result.items()}
 
 
 def run(quick: bool) -> Report:
@@ -90,13 +90,15 @@ def run(quick: bool) -> Report:
         ValueError: readers of other slides than those that are stored.
     """
     pasts, readers = stored(), mode_readers.read()
-    table: dict[str, dict[str, Any]] = {name: shares(list(pasts.values()), each) for name, each in READINGS.items()}
+    table: dict[str, dict[str, Any]] = {
+        name: shares(list(pasts.values()), reading) for name, reading in READINGS.items()
+    }
     values: dict[str, Any] = {"slides": len(pasts)}
     for mode in SEVERITY:
-        each = [row[mode] for row in table.values()]
-        values |= {f"{mode}_least": min(each), f"{mode}_most": max(each)}
+        mode_shares = [row[mode] for row in table.values()]
+        values |= {f"{mode}_least": min(mode_shares), f"{mode}_most": max(mode_shares)}
         values |= {f"{mode}_printed": round(POOLED[mode] / sum(POOLED.values()), 3)}
-        values |= {f"{mode}_verdict": verdict(min(each), max(each), len(pasts))}
+        values |= {f"{mode}_verdict": verdict(min(mode_shares), max(mode_shares), len(pasts))}
     if readers:
         values |= between(readers)
         sheets = mode_sheets.numbered(list(pasts))
@@ -112,14 +114,14 @@ def against(rule: Mapping[int, str], readers: Mapping[str, Mapping[int, str]]) -
         rule: mode by number of the sheet.
         readers: the same, by reader.
     """
-    each = {f"kappa_{reader}": rounded(mode_readers.kappa(rule, modes)) for reader, modes in readers.items()}
+    of_reader = {f"kappa_{reader}": rounded(mode_readers.kappa(rule, modes)) for reader, modes in readers.items()}
     alike = np.mean([mode_readers.agreement(rule, modes) for modes in readers.values()])
     low, high = mode_readers.kappa_interval(rule, readers)
     mean = {
         "kappa_mean": rounded(mode_readers.mean_kappa(rule, readers)),
         "kappa_interval": [rounded(low), rounded(high)],
     }
-    return {**each, **mean, "alike": round(float(alike), 3)}
+    return {**of_reader, **mean, "alike": round(float(alike), 3)}
 
 
 def between(readers: Mapping[str, Mapping[int, str]]) -> dict[str, float | str]:

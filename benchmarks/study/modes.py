@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.study.answers import Answer, Hours, Line, hours_of
 from benchmarks.study.cases import AUDIT, LENGTHS, MORE_AIR, SAMPLES, SWEEP, sweep_case
-from benchmarks.study.probability import drawn
+from benchmarks.study.probability import audit_weights
 from benchmarks.study.rows import Outcome, Rows, classes, refined_slide
 from cooperative.estimate import effective_size, fit_distributions, severity_ranking, wilson_interval
 from cooperative.measure import SEVERITY
@@ -59,7 +59,7 @@ class Slides:
 def weighted_slides(rows: Rows) -> Slides:
     """Refined slides of the headline campaign with their weights."""
     refined = classes(rows, "published", "refined")
-    weights = {n: weight for n, weight in drawn(rows, "published", SAMPLES, AUDIT).items() if refined[n]}
+    weights = {n: weight for n, weight in audit_weights(rows, "published", SAMPLES, AUDIT).items() if refined[n]}
     slides = {n: refined_slide(rows, n) for n in weights}
     ended = {n: slide for n, slide in slides.items() if slide.mode}
     weight = np.array([weights[n] for n in ended])
@@ -70,10 +70,10 @@ def weighted_slides(rows: Rows) -> Slides:
     return Slides(list(ended.values()), weight, lost, words)
 
 
-def share_of(mine: np.ndarray, slides: Slides, spent: Hours, words: str) -> Answer:
+def share_of(chosen: np.ndarray, slides: Slides, spent: Hours, words: str) -> Answer:
     """Share of these slides (n,) bool among the failures. The interval allows any mode for those that broke off:
     Wilson's lower limit where none of them is one of these, the upper where all are."""
-    share, size = float(slides.weight[mine].sum() / slides.weight.sum()), effective_size(slides.weight)
+    share, size = float(slides.weight[chosen].sum() / slides.weight.sum()), effective_size(slides.weight)
     ends = share * (1 - slides.lost), share * (1 - slides.lost) + slides.lost
     limits = [wilson_interval(min(end, 1.0) * size, size) for end in ends]
     return Answer(share, (limits[0][0], limits[1][1]), words, spent)
@@ -86,13 +86,13 @@ def modes(rows: Rows) -> Iterator[Line]:
     spent = hours_of(published, grid="refined", until="end")
     for group in (("deep",), ("progressive",), ("compound",), ("shallow",), ("progressive", "compound")):
         what, printed = " or ".join(group), sum(POOLED[mode] for mode in group)
-        pooled, mine = rough_shares(rows, SWEEP, group), slides.of_mode(*group)
+        pooled, chosen = rough_shares(rows, SWEEP, group), slides.of_mode(*group)
         cause = (
             f"the published share pools all correlation lengths ({printed} of some {pool} failures); "
             f"pooled here, on the calibrated rough grid, it is {pooled.value:.2f}; "
             "it depends on a rule that is not printed"
         )
-        answer = share_of(mine, slides, spent, f"{slides.words}; {mine.sum()} {what}")
+        answer = share_of(chosen, slides, spent, f"{slides.words}; {chosen.sum()} {what}")
         yield Line(f"share of {what} failures", f"share_{'_or_'.join(group)}", printed / pool, answer, cause)
     yield from severity(slides, spent)
     for mode in SEVERITY:
@@ -104,15 +104,15 @@ def modes(rows: Rows) -> Iterator[Line]:
 def severity(slides: Slides, spent: Hours) -> Iterator[Line]:
     """Median area of each mode, and its rank among those with enough slides."""
     areas = np.array([slide.area for slide in slides.ended], float)
-    groups = {mode: mine for mode in SEVERITY if (mine := slides.of_mode(mode)).any()}
-    many = {mode: mine for mode, mine in groups.items() if mine.sum() >= FEW_SLIDES}
+    groups = {mode: chosen for mode in SEVERITY if (chosen := slides.of_mode(mode)).any()}
+    many = {mode: chosen for mode, chosen in groups.items() if chosen.sum() >= FEW_SLIDES}
     what = "median area of {} failures (m2)"
     for mode in groups.keys() - many.keys():
-        each = ", ".join(f"{area:.0f}" for area in areas[groups[mode]])
-        words = f"{groups[mode].sum()} slides ({each} m2), a median wants {FEW_SLIDES}"
+        values = ", ".join(f"{area:.0f}" for area in areas[groups[mode]])
+        words = f"{groups[mode].sum()} slides ({values} m2), a median wants {FEW_SLIDES}"
         yield Line(what.format(mode), None, None, words)
-    weights = {mode: slides.weight[mine] for mode, mine in many.items()}
-    for severe in severity_ranking({mode: areas[mine] for mode, mine in many.items()}, weights=weights):
+    weights = {mode: slides.weight[chosen] for mode, chosen in many.items()}
+    for severe in severity_ranking({mode: areas[chosen] for mode, chosen in many.items()}, weights=weights):
         assert severe.interval is not None  # of FEW_SLIDES or more
         answer = Answer(severe.middle, severe.interval, f"{severe.count} slides; 90 per cent interval", spent)
         rank = f"rank {severe.rank} ({severe.rank_interval[0]} to {severe.rank_interval[1]}) of {len(many)}"
@@ -121,14 +121,14 @@ def severity(slides: Slides, spent: Hours) -> Iterator[Line]:
 
 def fits(mode: str, slides: Slides, spent: Hours) -> Iterator[Line]:
     """Best distribution of each consequence of a mode, and the printed one."""
-    mine = slides.of_mode(mode)
+    chosen = slides.of_mode(mode)
     for measure, printed in BEST_FITS[mode].items():
-        values = np.array([getattr(slide, measure) for slide in slides.ended], float)[mine]
-        done = fit_distributions(values, slides.weight[mine])
+        values = np.array([getattr(slide, measure) for slide in slides.ended], float)[chosen]
+        done = fit_distributions(values, slides.weight[chosen])
         behind = next(fit.aic for fit in done.fits if fit.name == printed) - done.fits[0].aic
         words = "fits best, as printed" if not behind else f"{done.best_aic} fits best, {printed} by {behind:.1f} worse"
         words += ", which these slides do not tell apart" if done.notes and behind < UNDECIDED else ""
-        answer = Answer(behind, (behind, behind), "; ".join([f"{mine.sum()} slides", *done.notes]), spent)
+        answer = Answer(behind, (behind, behind), "; ".join([f"{chosen.sum()} slides", *done.notes]), spent)
         what = f"AIC of the printed {printed} over the best, {measure} of {mode} failures"
         yield Line(what, None, None, answer, words)
 
@@ -155,9 +155,9 @@ def rough_shares(rows: Rows, cases: Collection[str], group: tuple[str, ...]) -> 
     The cases have common samples, whose slides are alike: the number of independent slides is the effective size of
     samples weighted by their number of slides.
     """
-    known = {run: o for run, o in rows.items() if run.case in cases and run.grid == "rough" and o.mode}
-    mine = sum(outcome.mode in group for outcome in known.values())
-    samples = np.unique([run.sample for run in known], return_counts=True)[1]
-    share, size = mine / len(known), effective_size(samples)
-    words = f"{len(known)} rough slides of {samples.size} samples, {mine} {' or '.join(group)}"
-    return Answer(share, wilson_interval(share * size, size), words, hours_of(known))
+    of_cases = {run: o for run, o in rows.items() if run.case in cases and run.grid == "rough" and o.mode}
+    in_group = sum(outcome.mode in group for outcome in of_cases.values())
+    samples = np.unique([run.sample for run in of_cases], return_counts=True)[1]
+    share, size = in_group / len(of_cases), effective_size(samples)
+    words = f"{len(of_cases)} rough slides of {samples.size} samples, {in_group} {' or '.join(group)}"
+    return Answer(share, wilson_interval(share * size, size), words, hours_of(of_cases))

@@ -36,7 +36,7 @@ from cooperative.estimate import (
 CHANGE = "P_f of the section, change by: "
 
 
-def drawn(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction: float = 1.0) -> dict[int, float]:
+def audit_weights(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction: float = 1.0) -> dict[int, float]:
     """Refined samples behind the two-phase estimate of a case, with the number of samples that each stands for."""
     return sample_weights(population(rows, case, samples, reduction), classes(rows, case, "refined"), plan)
 
@@ -50,14 +50,14 @@ def estimated(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction: f
 def probability(rows: Rows, case: str, samples: int, plan: AuditPlan, reduction: float = 1.0) -> Answer:
     """P_f of a case with its interval, by the two-phase estimator."""
     estimate, words = estimated(rows, case, samples, plan, reduction)
-    spent = hours_of_audit(rows, case, drawn(rows, case, samples, plan, reduction))
+    spent = hours_of_audit(rows, case, audit_weights(rows, case, samples, plan, reduction))
     return Answer(estimate.probability, estimate.interval, "; ".join([words, *estimate.notes]), spent)
 
 
 def hours_of_audit(rows: Rows, case: str, refined: Collection[int]) -> Hours:
     """Hours of the rough classes of a case and of these refined ones."""
-    mine = {run: o for run, o in rows.items() if (run.case, run.until) == (case, "class")}
-    return hours_of({run: o for run, o in mine.items() if run.grid == "rough" or run.sample in refined})
+    runs = {run: o for run, o in rows.items() if (run.case, run.until) == (case, "class")}
+    return hours_of({run: o for run, o in runs.items() if run.grid == "rough" or run.sample in refined})
 
 
 def probabilities(rows: Rows) -> Iterator[Line]:
@@ -67,8 +67,8 @@ def probabilities(rows: Rows) -> Iterator[Line]:
     cause = "on the section: " + "; ".join(f"{name} {worth}" for name, worth in changes.items())
     yield Line("P_f in 3D", "pf_3d", 0.244, headline, cause, wilson_interval(244, 1000))
     estimate, words = estimated(rows, "published", SAMPLES, AUDIT)
-    mine = drawn(rows, "published", SAMPLES, AUDIT)
-    refined = {run: o for run, o in rows.items() if run.sample in mine}
+    weights = audit_weights(rows, "published", SAMPLES, AUDIT)
+    refined = {run: o for run, o in rows.items() if run.sample in weights}
     spent = hours_of(refined, case="published", grid="refined", until="class")
     count = Answer(estimate.refined_runs, (estimate.refined_runs,) * 2, words, spent)
     cause = "an audit draws where the ranks leave doubt, the rule runs all above"
@@ -101,13 +101,13 @@ def published_rule(rows: Rows) -> Line:
 def agreement(rows: Rows, case: str, samples: int, plan: AuditPlan) -> Iterator[Line]:
     """Rank correlation and classes of the two grids in 3D, over the audited samples with their weights."""
     setting, suffix = ("", "") if case == "published" else (f", {case} settings", f"_{case}")
-    weights = drawn(rows, case, samples, plan)
+    weights = audit_weights(rows, case, samples, plan)
     rough, refined = (np.array([rows[Run(case, grid, n)].score for n in weights]) for grid in ("rough", "refined"))
-    each = np.array(list(weights.values()))
-    both = correlation(rough, refined, each, failure_displacement=FAILS_ABOVE)
+    numbers = np.array(list(weights.values()))
+    both = correlation(rough, refined, numbers, failure_displacement=FAILS_ABOVE)
     assert both is not None
     words = f"{both.samples} samples on both grids; of failures the rank is that of their speed to 1 m"
-    spent, size = hours_of_audit(rows, case, weights), effective_size(each)
+    spent, size = hours_of_audit(rows, case, weights), effective_size(numbers)
     limits = wilson_interval(min(both.same_class, 1.0) * size, size)
     for what, name, value, interval in (
         ("rank correlation of the grids in 3D (Spearman)", "spearman_3d", both.spearman, both.interval),
@@ -133,9 +133,9 @@ def changed(before: Sequence[bool | None], after: Sequence[bool | None], words: 
 
 def share(rows: Rows, case: str, grid: str) -> Answer:
     """Share of failures of a case on a grid."""
-    known = classes(rows, case, grid)
-    failures, spent = sum(map(bool, known.values())), hours_of(rows, case=case, grid=grid, until="class")
-    return Answer(failures / len(known), wilson_interval(failures, len(known)), f"{len(known)} {grid} samples", spent)
+    fails = classes(rows, case, grid)
+    failures, spent = sum(map(bool, fails.values())), hours_of(rows, case=case, grid=grid, until="class")
+    return Answer(failures / len(fails), wilson_interval(failures, len(fails)), f"{len(fails)} {grid} samples", spent)
 
 
 def readings(rows: Rows) -> Iterator[Line]:
@@ -158,8 +158,8 @@ def lengths(rows: Rows) -> Iterator[Line]:
     for axis in ("lx", "ly"):
         for length in LENGTHS:
             yield Line(rough_length(axis, length), None, None, share(rows, sweep_case(axis, length), "rough"))
-        known = [classes(rows, sweep_case(axis, LENGTHS[end]), "rough") for end in (0, -1)]
-        ends = [[fails[n] for n in range(SWEEP_SAMPLES)] for fails in known]
+        classes_at_ends = [classes(rows, sweep_case(axis, LENGTHS[end]), "rough") for end in (0, -1)]
+        ends = [[fails[n] for n in range(SWEEP_SAMPLES)] for fails in classes_at_ends]
         rise = changed(ends[0], ends[1], "common samples", Hours(0.0, 0.0))
         what = f"rough grid alone: rise of P_f from {axis} = {from_end_to_end}"
         yield Line(what, None, None, rise, rises(rise.interval))

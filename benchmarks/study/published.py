@@ -45,15 +45,15 @@ def compared(rows: Rows) -> figures.Study:
 
 def hours(rows: Rows) -> Iterator[Line]:
     """Hours of the study, and the published ones."""
-    for grid, printed, wanted in (("rough", 11.3, 1000), ("refined", 92.4, 280)):
+    for grid, printed, run_count in (("rough", 11.3, 1000), ("refined", 92.4, 280)):
         for kind, unit in (("core", "one core"), ("GPU", "one GPU, which no published hour is beside")):
-            mine = ON_CPU if kind == "core" else "published", grid, "class"
-            done = {run: o for run, o in rows.items() if (run.case, run.grid, run.until) == mine}
+            chosen = ON_CPU if kind == "core" else "published", grid, "class"
+            done = {run: o for run, o in rows.items() if (run.case, run.grid, run.until) == chosen}
             done = {run: o for run, o in done.items() if (o.device == CPU) == (kind == "core")}
             middle, limits, spread = mean_seconds(np.array([o.seconds for o in done.values()]))
-            low, high = (each * wanted / 3600 for each in limits)
-            words = f"{len(done)} runs to their class, scaled to {wanted}{spread}"
-            answer = Answer(middle * wanted / 3600, (low, high), words, hours_of(done))
+            low, high = (limit * run_count / 3600 for limit in limits)
+            words = f"{len(done)} runs to their class, scaled to {run_count}{spread}"
+            answer = Answer(middle * run_count / 3600, (low, high), words, hours_of(done))
             cause = f"theirs ran on to 20 s, ten at a time on a desktop with 12 cores; ours are hours of {unit}"
             yield Line(f"{kind} hours of {grid} runs", None, printed if kind == "core" else None, answer, cause)
     spent = hours_of(rows)

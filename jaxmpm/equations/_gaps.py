@@ -46,24 +46,24 @@ class GroundPlanes(NamedTuple):
 
     Args:
         axis: normal to the planes.
-        own: planes of the ground, first and beyond the last.
+        planes: of the ground, first and beyond the last.
         inward: distance in nodes of the next planes into the soil, 1 or -1.
-        held: which nodes of these planes are the ground's with soil's beside them; None for all.
+        nodes: which nodes of these planes are the ground's with soil's beside them; None for all.
     """
 
     axis: int
-    own: tuple[int, int]
+    planes: tuple[int, int]
     inward: int
-    held: Array | None = None
+    nodes: Array | None = None
 
     def of(self, field: Array, beside: int = 0) -> Array:
         """Values of a field (grid's shape, ...) on these planes, or on those beside them."""
-        first, beyond = (plane + beside for plane in self.own)
+        first, beyond = (plane + beside for plane in self.planes)
         return jax.lax.slice_in_dim(field, first, beyond, axis=self.axis)
 
     def padded(self, values: Array, planes: int, beside: int = 0) -> Array:
         """A field on so many planes with these values on the ground's, or on those beside them, and 0 elsewhere."""
-        first, beyond = (plane + beside for plane in self.own)
+        first, beyond = (plane + beside for plane in self.planes)
         widths = [(0, 0)] * values.ndim
         widths[self.axis] = (first, planes - beyond)
         return jnp.pad(values, widths)
@@ -75,14 +75,14 @@ class GroundRows(NamedTuple):
     Args:
         axis: normal to the planes.
         inward: distance in nodes of the next planes into the soil, 1 or -1.
-        held: rows of the ground's nodes with soil's beside them (rows,).
+        nodes: rows of the ground's nodes with soil's beside them (rows,).
         into: rows beside each row into the soil (rows,), -1 for none.
         out: rows beside it on the other side (rows,), likewise.
     """
 
     axis: int
     inward: int
-    held: Array
+    nodes: Array
     into: Array
     out: Array
 
@@ -131,8 +131,8 @@ def gaps(scene: Scene, mass: Array) -> Array | None:
     found, field = None, laid_out(grid, mass)
     for ground in _grounds(scene):
         here = gap_of(ground.of(field), ground.of(field, ground.inward))
-        if ground.held is not None:
-            here = jnp.where(ground.held, here, 0)
+        if ground.nodes is not None:
+            here = jnp.where(ground.nodes, here, 0)
         here = ground.padded(here, grid.shape[ground.axis])
         found = here if found is None else jnp.maximum(found, here)
     return None if found is None else found.reshape(mass.shape)
@@ -177,8 +177,8 @@ def closed(
     lacking = laid_out(grid, lacking)
     for ground in _grounds(scene, sticking=True):
         motion, share = ground.of(field), ground.of(lacking)
-        if ground.held is not None:
-            share = jnp.where(ground.held, share, 0)
+        if ground.nodes is not None:
+            share = jnp.where(ground.nodes, share, 0)
         if pressing:
             share = jnp.where(ground.inward * motion[..., ground.axis] < 0, share, 0)
         along = jnp.arange(motion.shape[-1]) != ground.axis
@@ -303,8 +303,8 @@ def _grounds(scene: Scene, *, sticking: bool = False) -> Iterator[GroundPlanes |
     elif on_ground is not None:
         field = on_ground.reshape(grid.shape)
         ground = GroundPlanes(upright, (0, field.shape[upright] - 1), 1)
-        yield ground._replace(held=ground.of(field) & ~ground.of(field, 1))
+        yield ground._replace(nodes=ground.of(field) & ~ground.of(field, 1))
 
 
-def _rows_of_ground(grid: Grid, axis: int, inward: int, held: Array) -> GroundRows:
-    return GroundRows(axis, inward, held, beside(grid, axis, inward), beside(grid, axis, -inward))
+def _rows_of_ground(grid: Grid, axis: int, inward: int, on_ground: Array) -> GroundRows:
+    return GroundRows(axis, inward, on_ground, beside(grid, axis, inward), beside(grid, axis, -inward))

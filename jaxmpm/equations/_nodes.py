@@ -84,9 +84,9 @@ def particles_to_grid(scene: Scene, state: State, dt: Array, maps: Maps, *, stre
     external = external_force(scene, maps.position, state.step * dt)
     if external is not None:
         carried["external"] = external
-    left = left_on_contact(scene, state.displacement)
-    if left is not None:
-        carried["unsoftened"] = (particles.mass * left)[None]
+    remaining = left_on_contact(scene, state.displacement)
+    if remaining is not None:
+        carried["unsoftened"] = (particles.mass * remaining)[None]
     if bonded(scene):
         carried["volume"] = particles.volume[None]  # without the gaps of soil that has opened, which bear nothing
     if not isinstance(shears, bool):
@@ -251,20 +251,20 @@ def braked(scene: Scene, nodal: Nodal, dt: Array) -> Callable[[Region | None, Ar
         part = isinstance(region, tuple) and value.ndim
         return value.reshape(scene.grid.shape)[region] if part else value
 
-    def left(region: Region | None, strength: Array) -> Array:
+    def softened(region: Region | None, strength: Array) -> Array:
         return strength if nodal.unsoftened is None else strength * at(region, nodal.unsoftened)
 
     if nodal.area is None:
-        return lambda region, push: left(region, at(region, friction)) * push
+        return lambda region, push: softened(region, at(region, friction)) * push
     rate = dt * nodal.area * reciprocal(scene, nodal.mass[:, 0])
     zero = jnp.zeros_like(rate)
     water = zero if boundary.pressure is None else rate * boundary.pressure
     cohesion = zero if boundary.cohesion is None else rate * boundary.cohesion
 
     def largest(region: Region | None, push: Array) -> Array:
-        borne = left(region, at(region, friction)) * jnp.maximum(push - at(region, water), 0)
+        borne = softened(region, at(region, friction)) * jnp.maximum(push - at(region, water), 0)
         pressed = push > 0 if region is not None else pressed_on_base(scene, push)
-        return jnp.where(pressed, borne + left(region, at(region, cohesion)), 0)
+        return jnp.where(pressed, borne + softened(region, at(region, cohesion)), 0)
 
     return largest
 

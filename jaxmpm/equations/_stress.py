@@ -51,8 +51,8 @@ def acting_stress(scene: Scene, stress: Array, volume: Array, maps: Maps, excess
     """
     d = scene.grid.dimension
     if scene.loads.pore_pressure is not None:
-        effective, left = tensors.expand(stress, d), pressure_left(jnp.log(volume / scene.particles.volume))
-        total = tensors.mean(effective) - left * scene.loads.pore_pressure
+        effective, share = tensors.expand(stress, d), pressure_left(jnp.log(volume / scene.particles.volume))
+        total = tensors.mean(effective) - share * scene.loads.pore_pressure
         stress = tensors.compress(tensors.with_mean(effective, total), d)
     if scene.numerics.fbar:
         specific, full = volume / scene.particles.mass, tensors.expand(stress, d)

@@ -137,8 +137,8 @@ def rigid_base(grid: Grid, heights: Heights) -> RigidBase:
     gap = np.pad(np.asarray(between), [(0, 0)] * (grid.dimension - 1) + [(0, 1)]).ravel()
     volume = volume / (1 - gap) ** 2
     vectors = np.where(on_base[:, None], normal.reshape(grid.dimension, -1).T, 0.0)
-    known = vectors, area, np.where(area > 0, volume, 1.0)
-    return RigidBase(*(array(values, jax.dtypes.canonicalize_dtype(float)) for values in known))
+    fields = vectors, area, np.where(area > 0, volume, 1.0)
+    return RigidBase(*(array(values, jax.dtypes.canonicalize_dtype(float)) for values in fields))
 
 
 def normals(heights: Heights, across: list[np.ndarray], step: float) -> np.ndarray:

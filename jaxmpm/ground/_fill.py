@@ -151,7 +151,7 @@ def lattice(
     particles = taken(particles, order)
     if bedrock is not None:
         share = share_above(bedrock, position[:, order], dz).astype(particles.volume.dtype)
-        volume, mass = (product(each, share) for each in (particles.volume, particles.mass))
+        volume, mass = (product(values, share) for values in (particles.volume, particles.mass))
         particles = replace(particles, volume=volume, mass=mass)
     return particles, law, ratio_at_rest(soils, number[order], law)
 

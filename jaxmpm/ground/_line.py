@@ -74,7 +74,7 @@ def read_line(path: str | Path, layer: str | None = None, *, outline: bool = Tru
     """
     path = Path(path)
     if path.suffix.lower() == ".dxf":
-        points = _drawn(path, layer, outline)
+        points = _read_drawing(path, layer, outline)
     elif layer is not None:
         raise ValueError(f"{path} is no DXF drawing, which alone has layers: leave out layer = {shown(layer)}")
     else:
@@ -143,7 +143,7 @@ def _named(names: Sequence[str], units: Sequence[str | None]) -> dict[str, tuple
     return found
 
 
-def _drawn(path: Path, layer: str | None, outline: bool) -> np.ndarray:
+def _read_drawing(path: Path, layer: str | None, outline: bool) -> np.ndarray:
     """Points (n, 2) m of the one line of a layer of a drawing."""
     drawing = _drawing(path)
     unit = drawing.header.get("$INSUNITS", NO_UNIT)

@@ -66,13 +66,14 @@ def _traced_table(walls: tuple[float, float], water: Any, discretisation: Discre
         return _table_of(np.array(walls), jnp.full(2, water), discretisation, gravity)
     x, z = zip(*water, strict=True)
     require_known(
-        {f"x of point {number} of the water": each for number, each in enumerate(x)}, "give traced heights alone"
+        {f"x of point {number} of the water": coordinate for number, coordinate in enumerate(x)},
+        "give traced heights alone",
     )
     if np.any(np.diff(x) <= 0) or x[0] > walls[0] or x[-1] < walls[1]:
         raise ValueError(
             f"water has points at x = {shown(list(x))} m: give rising ones, from wall to wall at {walls} m"
         )
-    return _table_of(np.array(x), jnp.stack([jnp.asarray(each) for each in z]), discretisation, gravity)
+    return _table_of(np.array(x), jnp.stack([jnp.asarray(height) for height in z]), discretisation, gravity)
 
 
 def under(table: WaterTable) -> Callable[[np.ndarray], np.ndarray]:

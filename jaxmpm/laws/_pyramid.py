@@ -79,14 +79,14 @@ def principal_drop(x1: Array, x2: Array, x3: Array, law: PyramidLaw) -> tuple[Ar
 
     # Each return: its stress, and its strains, which must not be negative.
     same = 4 * shear * (1 + s * r) + 4 * b * s * r
-    right = 2 * shear * (1 - s) * (1 - r) + 4 * b * s * r
-    left = 2 * shear * (1 + s) * (1 + r) + 4 * b * s * r
+    along_23 = 2 * shear * (1 - s) * (1 - r) + 4 * b * s * r
+    along_12 = 2 * shear * (1 + s) * (1 + r) + 4 * b * s * r
     f13, f23, f12 = beyond(x1, x3), beyond(x2, x3), beyond(x1, x2)
     main = f13 / same
     returns: list[tuple[Sequence[Array], Sequence[Array]]] = [(stress((1 + r) * main, 0, -(1 - r) * main), [main])]
-    with_23 = [(same * f - right * g) / (same**2 - right**2) for f, g in ((f13, f23), (f23, f13))]
+    with_23 = [(same * f - along_23 * g) / (same**2 - along_23**2) for f, g in ((f13, f23), (f23, f13))]
     returns.append((stress((1 + r) * with_23[0], (1 + r) * with_23[1], -(1 - r) * sum(with_23)), with_23))
-    with_12 = [(same * f - left * g) / (same**2 - left**2) for f, g in ((f13, f12), (f12, f13))]
+    with_12 = [(same * f - along_12 * g) / (same**2 - along_12**2) for f, g in ((f13, f12), (f12, f13))]
     returns.append((stress((1 + r) * sum(with_12), -(1 - r) * with_12[1], -(1 - r) * with_12[0]), with_12))
     e1, _, e3 = e = strain((apex, apex, apex))
     beyond_23, beyond_12 = (1 - r) * sum(e) + 2 * r * e3, (1 + r) * sum(e) - 2 * r * e1

@@ -315,5 +315,5 @@ def _(law: Saturated) -> dict[str, Declared]:
 @with_parameters.register
 def _(law: Saturated, values: Mapping[str, ArrayLike]) -> Saturated:
     skeleton = {path: value for path, value in values.items() if path != "b_value"}
-    own: dict[str, Any] = {path: value for path, value in values.items() if path == "b_value"}
-    return replace(law, law=with_parameters(law.law, skeleton), **own)
+    water: dict[str, Any] = {path: value for path, value in values.items() if path == "b_value"}
+    return replace(law, law=with_parameters(law.law, skeleton), **water)

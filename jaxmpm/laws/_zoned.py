@@ -55,8 +55,8 @@ class Zoned:
 
     def per_particle(self, values: Sequence[ArrayLike]) -> Array:
         """One value per particle (N,) from one for each zone, a number or (n,)."""
-        known, numbers = on_host(tuple(values)), host(*values)
-        pairs = zip(known, self.counts, strict=True)
+        on_cpu, numbers = on_host(tuple(values)), host(*values)
+        pairs = zip(on_cpu, self.counts, strict=True)
         spread = [numbers.broadcast_to(numbers.asarray(value), (count,)) for value, count in pairs]
         return array(numbers.concatenate(spread), jnp.result_type(*values))
 
@@ -209,15 +209,15 @@ def softened(law: Material, strain: Array) -> Array | None:
     def share(law: Any, strain: Array) -> Array | None:
         if law.FRICTIONAL or getattr(law, "softening", None) is None:
             return None
-        left: Array = law.softening.strength(law.strength, strain) / law.strength
-        return left
+        remaining: Array = law.softening.strength(law.strength, strain) / law.strength
+        return remaining
 
     if not isinstance(law, Zoned):
         return share(law, strain)
     shares = [share(part, strain[span]) for part, span in law.zones]
-    if all(left is None for left in shares):
+    if all(zone_share is None for zone_share in shares):
         return None
-    return law.per_particle([1.0 if left is None else left for left in shares])
+    return law.per_particle([1.0 if zone_share is None else zone_share for zone_share in shares])
 
 
 @remembers_gap.register

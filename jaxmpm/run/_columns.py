@@ -155,7 +155,7 @@ def recorded(scene: Scene, state: State) -> State:
     columns = state.columns
     assert columns is not None
 
-    def look() -> tuple[Array, Array, Array]:
+    def updated() -> tuple[Array, Array, Array]:
         now = passing(scene, state, columns.moved, columns.surface)
         there = now.thickness >= columns.least
         time = (state.step * scene.numerics.time_step).astype(columns.arrival.dtype)
@@ -167,5 +167,5 @@ def recorded(scene: Scene, state: State) -> State:
 
     due = (state.step % columns.every == 0) & (state.status == Status.RUNNING)
     before = (columns.thickness, columns.speed, columns.arrival)
-    thickness, speed, arrival = jax.lax.cond(due, look, lambda: before)
+    thickness, speed, arrival = jax.lax.cond(due, updated, lambda: before)
     return replace(state, columns=replace(columns, thickness=thickness, speed=speed, arrival=arrival))

@@ -165,8 +165,8 @@ def stands_to(scene: Scene) -> float:
     """
     slope = _steepest(scene)
     factors = [law.stands_to(slope) if hasattr(law, "stands_to") and slope else None for law in _skeletons(scene)]
-    known = [float(np.max(factor)) for factor in factors if factor is not None]
-    return max(known) if len(known) == len(factors) else math.inf
+    finite = [float(np.max(factor)) for factor in factors if factor is not None]
+    return max(finite) if len(finite) == len(factors) else math.inf
 
 
 def _steepest(scene: Scene) -> float:

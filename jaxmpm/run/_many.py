@@ -94,7 +94,10 @@ def solve_each(
         raise ValueError("varied is empty: give the parameters that samples differ in, as in {'strength': strengths}")
     check_names(scene, varied)
     check_start(state, varied)
-    samples = (Sample(number, *vary(scene, state, values), hooks.resume) for number, values in _drawn(varied, numbers))
+    samples = (
+        Sample(number, *vary(scene, state, values), hooks.resume)
+        for number, values in _numbered_samples(varied, numbers)
+    )
     first = list(islice(samples, width))
     if not first:
         return
@@ -128,7 +131,7 @@ def solve_each(
             batch = batch.shrink(len(first))
 
 
-def _drawn(
+def _numbered_samples(
     varied: Mapping[str, Iterable[Array]], numbers: Iterable[int] | None
 ) -> Iterator[tuple[int, dict[str, Array]]]:
     """Number and values of each sample, drawn one by one; ValueError for names with fewer values than others."""

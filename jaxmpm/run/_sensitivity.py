@@ -50,15 +50,15 @@ def sensitivity(
         ValueError: If the scene has no such number, one is beyond its limit, or as for `replay`.
         FloatingPointError: If the run breaks off.
     """
-    known = numbers_of(scene)
-    every = [*declared(scene.material), *(name for name in WALL_STRENGTH if name in known)]
+    numbers = numbers_of(scene)
+    every = [*declared(scene.material), *(name for name in WALL_STRENGTH if name in numbers)]
     names = sorted(every if parameters is None else parameters)
-    if unknown := sorted(set(names) - known.keys()):
+    if unknown := sorted(set(names) - numbers.keys()):
         raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {every}")
     check_scene(scene)
     shapes = {name: (scene.grid.nodes,) if name in WALL_STRENGTH else scene.particles.mass.shape for name in names}
-    values = {name: jnp.broadcast_to(known[name][1], shape) for name, shape in shapes.items()}
-    paths = tuple(known[name][0] for name in names)
+    values = {name: jnp.broadcast_to(numbers[name][1], shape) for name, shape in shapes.items()}
+    paths = tuple(numbers[name][0] for name in names)
     (value, status), derivatives = _derivatives(
         values, scene, state, paths=paths, objective=objective, steps=steps, memory=memory
     )
@@ -81,9 +81,9 @@ def _derivatives(
     memory: float,
 ) -> tuple[Array, Array]:
     """Objective and status; `paths` are those of the names, which are sorted, as JAX sorts those of a dict."""
-    given = dict(zip(paths, values.values(), strict=True))
-    walls: dict[str, Any] = {WALL_STRENGTH[path]: given.pop(path) for path in paths if path in WALL_STRENGTH}
-    law = with_parameters(scene.material, given)
+    parameters = dict(zip(paths, values.values(), strict=True))
+    walls: dict[str, Any] = {WALL_STRENGTH[path]: parameters.pop(path) for path in paths if path in WALL_STRENGTH}
+    law = with_parameters(scene.material, parameters)
     varied = replace(scene, material=law, boundary=replace(scene.boundary, **walls))
     end, _ = replay(varied, state, steps, memory=memory)
     return objective(end), end.status

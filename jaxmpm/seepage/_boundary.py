@@ -91,8 +91,8 @@ class Places:
             Inflow (nf,) m3/s, and relative conductivity (nf,).
         """
         fall = outside - self.centre - head
-        _, (own, other) = soil.curves(jnp.stack([head, outside - self.z]), shape)
-        return self.conductance(soil) * driven(fall, other, own, soil.steepness), own
+        _, (conductivity, outside_conductivity) = soil.curves(jnp.stack([head, outside - self.z]), shape)
+        return self.conductance(soil) * driven(fall, outside_conductivity, conductivity, soil.steepness), conductivity
 
 
 def driven(fall: Array, first: Array, second: Array, steepness: Array) -> Array:
@@ -201,8 +201,8 @@ class Held:
 
     def inflow(self, soil: Soil, shape: Shape, head: Array, start: Array, end: Array) -> Array:
         """Inflow (nf,) m3/s in a step from `start` to `end` (s) into cells of soil with pressure heads (nf,) m."""
-        given = self.head.at(start, end)
-        outside = given if self.total else self.places.z + given
+        outside_head = self.head.at(start, end)
+        outside = outside_head if self.total else self.places.z + outside_head
         return self.places.driven(soil, shape, head, jnp.broadcast_to(outside, head.shape))[0]
 
     def offered(self, start: Array, end: Array) -> Array:
@@ -313,7 +313,7 @@ def _places(faces: Faces, what: str) -> Places:
     if not faces.cell.size:
         raise ValueError(f"{what} has no faces: give the cells soil there, or leave it out")
     numbers = (faces.area, faces.distance, faces.z, faces.centre, faces.upward, faces.level)
-    return Places(jnp.asarray(faces.cell, jnp.int32), *(jnp.asarray(each, float) for each in numbers))
+    return Places(jnp.asarray(faces.cell, jnp.int32), *(jnp.asarray(values, float) for values in numbers))
 
 
 def open_face(
@@ -339,16 +339,16 @@ def open_face(
     Raises:
         ValueError: If a value is outside its limit; 100 mm/h and more of rain is taken for a mistaken unit.
     """
-    given = None if rain is None else series("rain", rain, stepped=True)
-    if given is not None:
+    rate = None if rain is None else series("rain", rain, stepped=True)
+    if rate is not None:
         check.within(
-            "rain", given.values, Limit(most=1e-3, unit="m/s"), remedy="1 m/s is 3.6 million mm/h: divide mm/h by 3.6e6"
+            "rain", rate.values, Limit(most=1e-3, unit="m/s"), remedy="1 m/s is 3.6 million mm/h: divide mm/h by 3.6e6"
         )
 
     def make(cells: Cells) -> Open:
         pool = None if level is None else series("level", level, stepped=False, above=cells.corner[-1])
         condition = Open(
-            _places(cells.faces(side), side), given, pool, jnp.asarray(ponding, float), jnp.asarray(driest, float)
+            _places(cells.faces(side), side), rate, pool, jnp.asarray(ponding, float), jnp.asarray(driest, float)
         )
         check.within_limits(condition)
         return condition
@@ -384,8 +384,8 @@ def held_head(
             head = series("level", level, stepped=False, above=cells.corner[-1])
         else:
             assert pressure_head is not None
-            given = pressure_head(cells.positions(side)) if callable(pressure_head) else pressure_head
-            head = series("pressure_head", given, stepped=False)
+            outside_head = pressure_head(cells.positions(side)) if callable(pressure_head) else pressure_head
+            head = series("pressure_head", outside_head, stepped=False)
         return Held(_places(cells.faces(side), side), head, level is not None)
 
     return AtSide(side, make)

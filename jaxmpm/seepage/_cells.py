@@ -102,20 +102,22 @@ class Cells:
             ValueError: If the cells have no such side.
         """
         d = len(self.shape)
-        known = [*SIDES][: 2 * d]
-        if side not in known:
-            raise ValueError(f"side = {shown(side)} of cells in {d}D: give one of {', '.join(known)}")
+        sides = [*SIDES][: 2 * d]
+        if side not in sides:
+            raise ValueError(f"side = {shown(side)} of cells in {d}D: give one of {', '.join(sides)}")
         parts = []
         for axis in range(d):
             for way in (-1, 1):
                 beyond = _beyond(self.soil, axis, way)
                 if side in ENDS:
-                    wanted = _at_end(self.shape, axis, way) if ENDS[side] == (axis, way) else np.zeros(self.shape, bool)
+                    on_side = (
+                        _at_end(self.shape, axis, way) if ENDS[side] == (axis, way) else np.zeros(self.shape, bool)
+                    )
                 elif axis == d - 1:
-                    wanted = np.full(self.shape, (way > 0) == (side == "surface"))
+                    on_side = np.full(self.shape, (way > 0) == (side == "surface"))
                 else:
-                    wanted = ~_at_end(self.shape, axis, way) & _beyond_air(self.soil, axis, way) & (side == "surface")
-                parts.append(self._faces(np.flatnonzero(self.soil & beyond & wanted), axis, way))
+                    on_side = ~_at_end(self.shape, axis, way) & _beyond_air(self.soil, axis, way) & (side == "surface")
+                parts.append(self._faces(np.flatnonzero(self.soil & beyond & on_side), axis, way))
         return _joined(parts)
 
     def positions(self, side: Side) -> NDArray[np.floating]:

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 from jaxmpm.ground import WATER_WEIGHT
 from jaxmpm.seepage._boundary import Series
 from jaxmpm.seepage._sample import Heads
-from jaxmpm.seepage._step import Flowing, Problem, held_water, implicit, newton
+from jaxmpm.seepage._step import Flowing, Problem, implicit, newton, stored_water
 from jaxmpm.support import check
 from jaxmpm.support.pytrees import pytree
 from jaxmpm.support.text import shown
@@ -50,16 +50,16 @@ class FlowRecord(NamedTuple):
     Args:
         duration: (steps,) s.
         rain: (steps,) that falls (m3).
-        entered: (steps,) through all faces and sources (m3).
-        left: (steps,) through all faces and sinks (m3).
+        inflow: (steps,) through all faces and sources (m3).
+        outflow: (steps,) through all faces and sinks (m3).
         stored: (steps,) change of the water in the soil (m3).
         iterations: (steps,) of Newton's method.
     """
 
     duration: Array
     rain: Array
-    entered: Array
-    left: Array
+    inflow: Array
+    outflow: Array
     stored: Array
     iterations: Array
 
@@ -102,8 +102,8 @@ class Flow:
     def balance_error(self) -> Array:
         """Water that each step so far has lost or gained (steps,), as a share of what has crossed faces by then."""
         record = self.record
-        lost = jnp.abs(jnp.cumsum(record.stored - record.entered + record.left))
-        crossed = jnp.maximum(jnp.cumsum(record.entered), jnp.cumsum(record.left))
+        lost = jnp.abs(jnp.cumsum(record.stored - record.inflow + record.outflow))
+        crossed = jnp.maximum(jnp.cumsum(record.inflow), jnp.cumsum(record.outflow))
         return jnp.where(crossed > 0, lost / jnp.where(crossed > 0, crossed, 1), 0)
 
     @property
@@ -112,7 +112,7 @@ class Flow:
 
         Seepage and what enters from pools are no part of it if rain is the only inflow.
         """
-        return jnp.sum(self.record.rain - jnp.minimum(self.record.entered, self.record.rain))
+        return jnp.sum(self.record.rain - jnp.minimum(self.record.inflow, self.record.rain))
 
     def raise_if_failed(self) -> Flow:
         """The flow itself.
@@ -125,7 +125,7 @@ class Flow:
             return self
         lane = int(failed[0])
         status, time, worst, steps = (
-            np.atleast_1d(np.asarray(each))[lane] for each in (self.status, self.stopped, self.worst, self.steps)
+            np.atleast_1d(np.asarray(leaf))[lane] for leaf in (self.status, self.stopped, self.worst, self.steps)
         )
         cells = self.problem.cells
         at = ", ".join(f"{x:.4g}" for x in cells.centres().reshape(len(cells.shape), -1)[:, int(worst)])
@@ -286,7 +286,7 @@ class _State(NamedTuple):
     step: Array
     head: Array
     water: Array
-    held: Array
+    content: Array
     rate: Array
     stop: Array
     output: Array
@@ -326,8 +326,8 @@ def _run(
         until = jnp.where(h == remaining, end, state.time + h)
         solution, iterations = newton(problem, state.water, state.head, state.time, until, 1 / h)
         solves = solution.size <= solution.allowed
-        held = soil.held(solution.saturation)
-        rate = (held - state.held) / h
+        content = soil.content(solution.saturation)
+        rate = (content - state.content) / h
         error = 0.5 * h * jnp.max(jnp.abs(rate - state.rate) * (flowing.volume > 0))
         tiny = h <= SHORTEST * stops[-1]
         good = solves & ((error <= tolerance) | tiny)
@@ -338,8 +338,8 @@ def _run(
         row = FlowRecord(
             h,
             h * offered,
-            h * solution.entered,
-            h * solution.gone,
+            h * solution.inflow,
+            h * solution.outflow,
             jnp.sum(flowing.volume * (solution.water - state.water)),
             iterations.astype(dtype),
         )
@@ -355,7 +355,7 @@ def _run(
             step=next_step,
             head=jnp.where(good, solution.head, state.head),
             water=jnp.where(good, solution.water, state.water),
-            held=jnp.where(good, held, state.held),
+            content=jnp.where(good, content, state.content),
             rate=jnp.where(good, rate, state.rate),
             stop=jnp.minimum(state.stop + arrived, len(stops) - 1),
             output=state.output.at[out].set(solution.head, mode="drop"),
@@ -364,16 +364,16 @@ def _run(
             record=record,
             steps=steps,
             tries=state.tries + 1,
-            worst=jnp.where(solves, state.worst, jnp.argmax(jnp.abs(solution.left))),
+            worst=jnp.where(solves, state.worst, jnp.argmax(jnp.abs(solution.residual))),
         )
 
     zero = jnp.asarray(0)
-    begun = _State(
+    start = _State(
         time=jnp.zeros((), dtype),
         step=first,
         head=head,
-        water=held_water(problem, head),
-        held=soil.water_content(head),
+        water=stored_water(problem, head),
+        content=soil.water_content(head),
         rate=jnp.zeros_like(head),
         stop=zero,
         output=jnp.broadcast_to(head, (outputs, *head.shape)),
@@ -384,7 +384,7 @@ def _run(
         tries=zero,
         worst=zero,
     )
-    done = jax.lax.while_loop(running, step, begun)
+    done = jax.lax.while_loop(running, step, start)
     status = jnp.where(done.status == FlowStatus.RUNNING, FlowStatus.OUT_OF_STEPS, done.status)
     return Flow(
         problem, stops, done.output, status, done.record, done.steps, done.tries, done.reached, done.time, done.worst
@@ -413,7 +413,7 @@ def replay(problem: Problem, initial: ArrayLike, durations: ArrayLike) -> Array:
 def _replayed(problem: Problem, head: Array, durations: Array) -> Array:
     def step(state: tuple[Array, Array], h: Array) -> tuple[tuple[Array, Array], Array]:
         head, time = state
-        end = implicit(problem, held_water(problem, head), head, time, time + h, 1 / h)
+        end = implicit(problem, stored_water(problem, head), head, time, time + h, 1 / h)
         return (end, time + h), end
 
     _, heads = jax.lax.scan(step, (head, jnp.zeros((), head.dtype)), durations)
@@ -440,9 +440,9 @@ def steady(problem: Problem, initial: ArrayLike, *, time: float = 0.0) -> tuple[
 
 @jax.jit
 def _steady(problem: Problem, head: Array, time: Array) -> tuple[Array, Array]:
-    known, guess = jax.lax.stop_gradient((problem, head))
+    fixed, guess = jax.lax.stop_gradient((problem, head))
     # Water of one cell through saturated soil: a time by which nothing has moved yet.
-    quick = min(problem.spacing) / jnp.max(known.soil.conductivity) * 0.1
+    quick = min(problem.spacing) / jnp.max(fixed.soil.conductivity) * 0.1
     last = quick * 1e12
 
     def moves(state: tuple[Array, Array, Array]) -> Array:
@@ -451,7 +451,7 @@ def _steady(problem: Problem, head: Array, time: Array) -> tuple[Array, Array]:
 
     def move(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         head, step, tries = state
-        solution, iterations = newton(known, held_water(known, head), head, time, time, 1 / step)
+        solution, iterations = newton(fixed, stored_water(fixed, head), head, time, time, 1 / step)
         good = solution.size <= solution.allowed
         factor = jnp.where(good, jnp.where(iterations <= 4, 20.0, 4.0), CUT)
         factor = jnp.where(iterations == 0, last / step, factor)
@@ -459,8 +459,8 @@ def _steady(problem: Problem, head: Array, time: Array) -> tuple[Array, Array]:
 
     near, *_ = jax.lax.while_loop(moves, move, (guess, quick, jnp.asarray(0)))
     never = jnp.zeros((), head.dtype)
-    water = held_water(known, near)
-    found, _ = newton(known, water, near, time, time, never)
+    water = stored_water(fixed, near)
+    found, _ = newton(fixed, water, near, time, time, never)
     return implicit(problem, water, found.head, time, time, never), found.size <= found.allowed
 
 

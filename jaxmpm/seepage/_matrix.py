@@ -45,7 +45,7 @@ def to_high(value: Array, axis: int) -> Array:
 
 
 def _padded(value: Array, axis: int, by: tuple[int, int]) -> Array:
-    return jnp.pad(value, [by if axis == each else (0, 0) for each in range(value.ndim)])
+    return jnp.pad(value, [by if axis == k else (0, 0) for k in range(value.ndim)])
 
 
 @pytree
@@ -101,7 +101,7 @@ class Matrix:
         for axis in inner(self.diagonal.shape[:-1]):
             diagonal = paired(matrix.diagonal, axis)
             faces = [
-                tuple(_every_other(part, axis) / 2 if each == axis else paired(part, axis) for each, part in kept)
+                tuple(_every_other(part, axis) / 2 if k == axis else paired(part, axis) for k, part in kept)
                 for kept in (
                     [(a, below) for a, below, _ in matrix.parts() if a != axis or diagonal.shape[axis] > 1],
                     [(a, above) for a, _, above in matrix.parts() if a != axis or diagonal.shape[axis] > 1],
@@ -157,10 +157,10 @@ def _cycle(levels: Sequence[Matrix], value: Array, turned: bool) -> Array:
     if not rest:
         return matrix.along_lines(value, turned=turned)
     solution = DAMPING * matrix.along_lines(value, turned=turned)
-    left = value - matrix.times(solution, turned=turned)
-    solution = solution + _spread(_cycle(rest, _gathered(left), turned), value.shape)
-    left = value - matrix.times(solution, turned=turned)
-    return solution + DAMPING * matrix.along_lines(left, turned=turned)
+    residual = value - matrix.times(solution, turned=turned)
+    solution = solution + _spread(_cycle(rest, _gathered(residual), turned), value.shape)
+    residual = value - matrix.times(solution, turned=turned)
+    return solution + DAMPING * matrix.along_lines(residual, turned=turned)
 
 
 def solved(matrix: Matrix, value: Array, tolerance: float, *, turned: bool = False) -> Array:

@@ -85,8 +85,8 @@ def with_pressure(
     position = np.asarray(particles.position, float)
     head = np.asarray(heads.at(position), float)
     check.finite("heads at the particles", head, "m")
-    held = retention if suction else None
-    pressure = suction_pressure(head, held, unit_weight) - _of_pool(position, level, unit_weight)
+    suction_retention = retention if suction else None
+    pressure = suction_pressure(head, suction_retention, unit_weight) - _of_pool(position, level, unit_weight)
     if isinstance(scene.material, Zoned):
         undrained = np.repeat([in_total_stress(law) for law in scene.material.laws], scene.material.counts)
         pressure = np.where(undrained, 0.0, pressure)
@@ -97,7 +97,7 @@ def with_pressure(
         contact = Contact.of(scene)
         nearest = cKDTree(position.T).query(contact.points.T)[1]
         there = np.asarray(heads.at(contact.points), float)
-        borne = suction_pressure(there, _picked(held, nearest), unit_weight)
+        borne = suction_pressure(there, _picked(suction_retention, nearest), unit_weight)
         on_base = np.where(pressure[nearest] == 0, 0.0, borne - _of_pool(contact.points, level, unit_weight))
         boundary = replace(boundary, pressure=contact.spread(on_base))
     if dry_weight is not None:

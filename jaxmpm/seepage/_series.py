@@ -35,7 +35,7 @@ RATES = {
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s].*)", re.ASCII)
 
 
-def _known(units: Mapping[str, float]) -> str:
+def _shown_units(units: Mapping[str, float]) -> str:
     """Some of the units in words, each size once."""
     first = {size: unit for unit, size in reversed(list(units.items()))}
     usual = [unit for unit in ("m/s", "mm/h", "m/day") if unit in units]
@@ -58,10 +58,12 @@ def in_unit(where: str, unit: str | None, units: Mapping[str, float], usual: str
         ValueError: If it has no unit and needs one, or one that is not known.
     """
     if unit is None and usual is None:
-        raise Invalid((), where, "has no unit", f"give one of {_known(units)}")
+        raise Invalid((), where, "has no unit", f"give one of {_shown_units(units)}")
     plain = plain_unit(usual if unit is None else unit)  # type: ignore[arg-type]
     if plain not in units:
-        raise Invalid((), where, f"is in {shown(unit)}, which is no unit known here", f"give one of {_known(units)}")
+        raise Invalid(
+            (), where, f"is in {shown(unit)}, which is no unit known here", f"give one of {_shown_units(units)}"
+        )
     return units[plain]
 
 
@@ -83,7 +85,7 @@ def quantity(where: str, value: str | float, units: Mapping[str, float]) -> floa
         return float(value)
     match = _QUANTITY.fullmatch(value)
     if match is None:
-        raise Invalid((), f"{where} = {shown(value)}", "", f"give a number and its unit, of {_known(units)}")
+        raise Invalid((), f"{where} = {shown(value)}", "", f"give a number and its unit, of {_shown_units(units)}")
     return float(match[1]) * in_unit(f"{where} = {shown(value)}", match[2], units)
 
 
@@ -136,10 +138,10 @@ def _read(
     if not table.header or not table.rows:
         raise ValueError(f"{path} has no row of {'values' if table.header else 'headings'}: give {shape}")
     columns = []
-    for known, of, read in ((TIME, TIMES, number), (words, units, measured)):
-        found = [k for k, word in enumerate(table.names) if word.strip().lower().replace(" ", "_") in known]
+    for headings, of, read in ((TIME, TIMES, number), (words, units, measured)):
+        found = [k for k, word in enumerate(table.names) if word.strip().lower().replace(" ", "_") in headings]
         if len(found) != 1:
-            raise ValueError(f"{path} has {len(found)} columns of {'time' if known is TIME else name}: give {shape}")
+            raise ValueError(f"{path} has {len(found)} columns of {'time' if headings is TIME else name}: give {shape}")
         unit = table.units[found[0]]
         if name == "rain" and of is units and unit is not None and plain_unit(unit) in LENGTHS:
             raise ValueError(
@@ -147,7 +149,7 @@ def _read(
                 "the next row, and name it rain [mm/h]"
             )
         cells = [row[found[0]] for row in table.rows]
-        if known is TIME and unit is None and (since := _since_first(cells)) is not None:
+        if headings is TIME and unit is None and (since := _since_first(cells)) is not None:
             columns.append(since)
             continue
         scale = in_unit(f"{path}: column {shown(table.names[found[0]])}", unit, of)

@@ -86,9 +86,9 @@ class Retention(ABC):
 
     def water_content(self, head: ArrayLike) -> Array:
         """Volume of water per volume of soil at pressure heads (m)."""
-        return self.held(self.saturation(head))
+        return self.content(self.saturation(head))
 
-    def held(self, saturation: Array) -> Array:
+    def content(self, saturation: Array) -> Array:
         """Volume of water per volume of soil at effective saturations."""
         return self.residual + (self.porosity - self.residual) * saturation
 
@@ -300,19 +300,19 @@ def gardner(**values: ArrayLike) -> Gardner:
 
 def _checked(kind: type[AnySoil], values: Mapping[str, ArrayLike]) -> AnySoil:
     names = [field.name for field in fields(kind)]
-    given = {**kind.DEFAULTS, **values}
-    if unknown := given.keys() - set(names):
+    numbers = {**kind.DEFAULTS, **values}
+    if unknown := numbers.keys() - set(names):
         raise ValueError(f"{', '.join(sorted(unknown))}: {kind.__name__} has {', '.join(names)}")
-    if missing := [name for name in names if name not in given]:
+    if missing := [name for name in names if name not in numbers]:
         raise ValueError(f"{kind.__name__} lacks {', '.join(missing)}: give a number or one a cell")
     for name, limit in kind.PARAMETERS.items():
-        check.within(name, given[name], limit)
-    dtype = jnp.result_type(float, *(value for value in given.values() if hasattr(value, "dtype")))
-    soil = kind(**{name: jnp.asarray(given[name], dtype) for name in names})
+        check.within(name, numbers[name], limit)
+    dtype = jnp.result_type(float, *(value for value in numbers.values() if hasattr(value, "dtype")))
+    soil = kind(**{name: jnp.asarray(numbers[name], dtype) for name in names})
     check.require(
         soil.residual < soil.porosity,
-        f"residual = {shown(given['residual'])} is no less than porosity = {shown(given['porosity'])}: give less water "
-        "to dry soil than to saturated soil",
+        f"residual = {shown(numbers['residual'])} is no less than porosity = {shown(numbers['porosity'])}: give less "
+        "water to dry soil than to saturated soil",
     )
     return soil
 
@@ -334,9 +334,9 @@ def soil_class(name: str, **values: ArrayLike) -> VanGenuchten:
     if name not in CARSEL_PARRISH:
         raise ValueError(f"soil class {shown(name)}: give one of {', '.join(CARSEL_PARRISH)}")
     residual, porosity, alpha, n, per_day = CARSEL_PARRISH[name]
-    own: dict[str, ArrayLike] = {"residual": residual, "porosity": porosity, "alpha": alpha, "n": n}
-    own |= {"conductivity": per_day / 100 / 86400, "air_entry": USUAL_AIR_ENTRY if n < STEEP else 0.0}
-    return van_genuchten(**{**own, **values})
+    parameters: dict[str, ArrayLike] = {"residual": residual, "porosity": porosity, "alpha": alpha, "n": n}
+    parameters |= {"conductivity": per_day / 100 / 86400, "air_entry": USUAL_AIR_ENTRY if n < STEEP else 0.0}
+    return van_genuchten(**{**parameters, **values})
 
 
 def zoned(soils: Sequence[AnySoil], number: np.ndarray) -> AnySoil:

@@ -120,23 +120,23 @@ class Balance(NamedTuple):
 
     Args:
         head: pressure heads (m).
-        left: more water in than stored, of each cell (m3/s).
+        residual: more water in than stored, of each cell (m3/s).
         size: sum of its amounts (m3/s).
         allowed: what that may be (m3/s).
         saturation: effective one of each cell.
         water: in each cell per volume of soil, with what the specific storage adds.
-        entered: through faces and sources (m3/s).
-        gone: through faces and sinks (m3/s).
+        inflow: through faces and sources (m3/s).
+        outflow: through faces and sinks (m3/s).
     """
 
     head: Array
-    left: Array
+    residual: Array
     size: Array
     allowed: Array
     saturation: Array
     water: Array
-    entered: Array
-    gone: Array
+    inflow: Array
+    outflow: Array
 
 
 class Flowing:
@@ -190,25 +190,25 @@ class Flowing:
             Balance.
         """
         saturation, relative = self.soil.curves(head, self.shape)
-        held = self.soil.held(saturation) + self.soil.storage * jnp.maximum(head, 0)
-        stored = self.volume * (held - water) * rate
+        content = self.soil.content(saturation) + self.soil.storage * jnp.maximum(head, 0)
+        stored = self.volume * (content - water) * rate
         inflows = self.inflows(head, start, end)
-        left = self.into(inflows) - stored
+        residual = self.into(inflows) - stored
         if self.problem.source is not None:
             source = self.problem.source * self.volume
-            left, inflows = left + source, [*inflows, source]
-        entered = sum((jnp.sum(jnp.maximum(each, 0)) for each in inflows), jnp.zeros_like(rate))
-        gone = sum((-jnp.sum(jnp.minimum(each, 0)) for each in inflows), jnp.zeros_like(rate))
-        passing = jnp.sum(self.volume * held) * rate
+            residual, inflows = residual + source, [*inflows, source]
+        inflow = sum((jnp.sum(jnp.maximum(part, 0)) for part in inflows), jnp.zeros_like(rate))
+        outflow = sum((-jnp.sum(jnp.minimum(part, 0)) for part in inflows), jnp.zeros_like(rate))
+        passing = jnp.sum(self.volume * content) * rate
         for axis, between, steep, rise in self.faces:
             under, over = low(head, axis), high(head, axis)
             flow = between * driven(under - over - rise, low(relative, axis), high(relative, axis), steep)
-            left = left - to_low(flow, axis) + to_high(flow, axis)
+            residual = residual - to_low(flow, axis) + to_high(flow, axis)
             most = jnp.maximum(low(relative, axis), high(relative, axis))
             passing = passing + jnp.sum(between * most * (jnp.abs(under) + jnp.abs(over)))
         eps = float(jnp.finfo(head.dtype).eps)
-        allowed = max(CLOSED, 8 * eps) * (jnp.sum(jnp.abs(stored)) + entered + gone) + 4 * eps * passing
-        return Balance(head, left, jnp.sum(jnp.abs(left)), allowed, saturation, held, entered, gone)
+        allowed = max(CLOSED, 8 * eps) * (jnp.sum(jnp.abs(stored)) + inflow + outflow) + 4 * eps * passing
+        return Balance(head, residual, jnp.sum(jnp.abs(residual)), allowed, saturation, content, inflow, outflow)
 
     def matrix(self, head: Array, start: Array, end: Array, rate: Array) -> tuple[Matrix, Array]:
         """Fall of what is left over by head, and change of Newton's variable by head."""
@@ -218,7 +218,7 @@ class Flowing:
         scale = self.soil.scale(head, slope, self.shape)
         _, gained = jax.jvp(lambda value: self.inflows(value, start, end), (head,), (ones,))
         diagonal = self.volume * capacity * rate - self.into(gained)
-        below, above, slopes = [], [], jax.grad(lambda *each: jnp.sum(driven(*each)), argnums=(0, 1, 2))
+        below, above, slopes = [], [], jax.grad(lambda *arguments: jnp.sum(driven(*arguments)), argnums=(0, 1, 2))
         for axis, between, steep, rise in self.faces:
             ends = low(relative, axis), high(relative, axis)
             fall = low(head, axis) - high(head, axis) - rise
@@ -262,7 +262,7 @@ def newton(
     def iterate(state: tuple[Balance, Array]) -> tuple[Balance, Array]:
         now, number = state
         matrix, scale = flowing.matrix(now.head, start, end, rate)
-        change = flowing.in_soil(scale * solved(matrix, now.left, LINEAR))
+        change = flowing.in_soil(scale * solved(matrix, now.residual, LINEAR))
 
         def rises(search: tuple[Balance, Array, Array]) -> Array:
             tried, share, tries = search
@@ -277,11 +277,11 @@ def newton(
         found, _, _ = jax.lax.while_loop(rises, halve, (now, jnp.ones_like(rate), jnp.asarray(0)))
         return found, number + 1
 
-    begun = (flowing.balance(guess, water, start, end, rate), jnp.asarray(0))
-    return jax.lax.while_loop(unsolved, iterate, begun)
+    first = (flowing.balance(guess, water, start, end, rate), jnp.asarray(0))
+    return jax.lax.while_loop(unsolved, iterate, first)
 
 
-def held_water(problem: Problem, head: Array) -> Array:
+def stored_water(problem: Problem, head: Array) -> Array:
     """Water in each cell per volume of soil, with what the specific storage adds, at pressure heads (m)."""
     soil = problem.soil
     return soil.water_content(head) + soil.storage * jnp.maximum(head, 0)
@@ -298,10 +298,10 @@ def _implicit_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[
     problem, water, guess, start, end, rate = primals
     head = implicit(problem, water, guess, start, end, rate)
 
-    def left(problem: Problem, water: Array) -> Array:
-        return Flowing(problem).balance(head, water, start, end, rate).left
+    def residual(problem: Problem, water: Array) -> Array:
+        return Flowing(problem).balance(head, water, start, end, rate).residual
 
-    _, change = jax.jvp(left, (problem, water), tangents[:2])
+    _, change = jax.jvp(residual, (problem, water), tangents[:2])
     flowing = Flowing(problem)
     matrix, _ = flowing.matrix(head, start, end, rate)
     return head, flowing.in_soil(differentiable(matrix, change, EXACT[str(head.dtype)]))

@@ -75,8 +75,8 @@ class PressureInTime(Protocol):
         """Pore pressures (N,) Pa at points (d, N) m at a time (s), below 0 under suction."""
 
 
-class _Known(Protocol):
-    """What a table knows at one of its times."""
+class _TotalHeads(Protocol):
+    """Total heads of a table at one of its times."""
 
     @property
     def dimension(self) -> int:
@@ -160,13 +160,13 @@ class TableHeads:
     """Heads of a table at one time.
 
     Args:
-        before: what is known at the time before.
-        after: what is known at the time after.
+        before: total heads at the time before.
+        after: total heads at the time after.
         share: of the interval that has passed.
     """
 
-    before: _Known
-    after: _Known
+    before: _TotalHeads
+    after: _TotalHeads
     share: float
 
     def at(self, position: ArrayLike) -> Values:
@@ -197,16 +197,16 @@ class PressureTable:
 
     Args:
         times: (n,) s, rising.
-        known: at each time, points with total heads or a water table.
+        total_heads: at each time, points with total heads or a water table.
     """
 
     times: Values
-    known: tuple[_Known, ...]
+    total_heads: tuple[_TotalHeads, ...]
 
     @property
     def dimension(self) -> int:
         """2 of a section, 3 of a solid."""
-        return self.known[0].dimension
+        return self.total_heads[0].dimension
 
     @classmethod
     def of_points(
@@ -226,7 +226,7 @@ class PressureTable:
             ValueError: If times do not rise, or points lie on a line or are fewer than a triangle or tetrahedron has.
         """
         check.finite("times", tuple(times), "s")
-        known: list[_Known] = []
+        fields: list[_TotalHeads] = []
         for time, at, total in zip(_rising(times), map(_array, points), map(_array, heads), strict=True):
             if at.ndim != 2 or at.shape[1] not in (2, 3) or total.shape != at.shape[:1]:
                 raise ValueError(
@@ -234,12 +234,12 @@ class PressureTable:
                 )
             check.finite(f"points at {time:g} s", at, "m")
             check.finite(f"heads at {time:g} s", total, "m")
-            last = known[-1] if known else None
+            last = fields[-1] if fields else None
             same = isinstance(last, _Points) and np.array_equal(last.points, at)
-            known.append(
+            fields.append(
                 _Points(at, total, last.triangles if isinstance(last, _Points) and same else _joined(at, time))
             )
-        return cls(np.asarray(times, float), tuple(known))
+        return cls(np.asarray(times, float), tuple(fields))
 
     @classmethod
     def of_rows(cls, rows: ArrayLike) -> PressureTable:
@@ -254,18 +254,18 @@ class PressureTable:
         Raises:
             ValueError: If two rows are of one point at one time, or as for `of_points`.
         """
-        given = np.asarray(rows, float)
-        if given.ndim != 2 or given.shape[1] not in (4, 5) or not len(given):
-            raise ValueError(f"rows have shape {given.shape}: give (n, 4) of x, z, t and head, in 3D (n, 5)")
-        points, heads = given[:, :-2], given[:, -1]
-        times, number = np.unique(given[:, -2], return_inverse=True)
-        each = [number == k for k in range(times.size)]
-        for time, here in zip(times, each, strict=True):
+        table = np.asarray(rows, float)
+        if table.ndim != 2 or table.shape[1] not in (4, 5) or not len(table):
+            raise ValueError(f"rows have shape {table.shape}: give (n, 4) of x, z, t and head, in 3D (n, 5)")
+        points, heads = table[:, :-2], table[:, -1]
+        times, number = np.unique(table[:, -2], return_inverse=True)
+        at_time = [number == k for k in range(times.size)]
+        for time, here in zip(times, at_time, strict=True):
             places, counts = np.unique(points[here], axis=0, return_counts=True)
             if counts.max() > 1:
                 at = ", ".join(f"{x:g}" for x in places[counts.argmax()])
                 raise ValueError(f"there are {counts.max()} heads at ({at}) m and {time:g} s: give one")
-        return cls.of_points(times.tolist(), [points[here] for here in each], [heads[here] for here in each])
+        return cls.of_points(times.tolist(), [points[here] for here in at_time], [heads[here] for here in at_time])
 
     @classmethod
     def of_rasters(cls, rasters: Mapping[float, Raster]) -> PressureTable:
@@ -304,7 +304,9 @@ class PressureTable:
         before = max(after - 1, 0)
         span = self.times[after] - self.times[before]
         return TableHeads(
-            self.known[before], self.known[after], float((time - self.times[before]) / span) if span else 0.0
+            self.total_heads[before],
+            self.total_heads[after],
+            float((time - self.times[before]) / span) if span else 0.0,
         )
 
     def pressure(self, position: ArrayLike, time: float, unit_weight: float = WATER_WEIGHT) -> Values:
@@ -340,25 +342,25 @@ class PressureTable:
         cells = cells_under(ground, edges)
         place = cells.centres().reshape(d, -1)[:, cells.soil.ravel()]
         axes = "xyz" if d == 3 else "xz"
-        for time, known in zip(self.times, self.known, strict=True):
-            if isinstance(known, _Points):
-                far = known.tree.query(place.T)[0]
+        for time, field in zip(self.times, self.total_heads, strict=True):
+            if isinstance(field, _Points):
+                far = field.tree.query(place.T)[0]
                 limit = GAP * ground.extent[-1] + float(np.hypot(edges[0], edges[1]))
-                beyond = (far > limit) & (known.triangles.find_simplex(place.T) < 0)
+                beyond = (far > limit) & (field.triangles.find_simplex(place.T) < 0)
                 if beyond.any():
                     at = ", ".join(f"{x:.4g}" for x in place[:, np.argmax(np.where(beyond, far, -1))])
                     raise ValueError(
                         f"the table of pore pressure at {time:g} s has no point within {limit:.3g} m of the ground's "
-                        f"({at}) m: its points go {_box(known.points, axes)}, the ground "
+                        f"({at}) m: its points go {_box(field.points, axes)}, the ground "
                         f"{_box(_corners(ground), axes)}; give points in the coordinates of the ground, all over it"
                     )
-            if isinstance(known, _Surface):
-                known.check_ground(ground, place, time)
-            level = known.total(place)
+            if isinstance(field, _Surface):
+                field.check_ground(ground, place, time)
+            level = field.total(place)
             if level.max() < ground.corner[-1]:
                 remedy = (
                     "are these depths of the water table? Give its heights"
-                    if isinstance(known, _Surface)
+                    if isinstance(field, _Surface)
                     else "are these pressure heads? Then name the column pressure_head"
                 )
                 raise ValueError(
@@ -473,8 +475,8 @@ def _columns(table: Table) -> dict[str, tuple[int, float]]:
     columns: dict[str, tuple[int, float]] = {}
     for at, (word, unit) in enumerate(zip(table.names, table.units, strict=True)):
         plain = plain_unit(word).replace("-", "_") if unit is None else word.strip().lower().replace(" ", "_")
-        known = {**AXES, **QUANTITIES, "t": TIME}
-        name = next((name for name, words in known.items() if plain in words), None)
+        words_of = {**AXES, **QUANTITIES, "t": TIME}
+        name = next((name for name, words in words_of.items() if plain in words), None)
         if name is None:
             check.warn(f"{table.path}: the column {shown(word)} is unknown and not read")
             continue

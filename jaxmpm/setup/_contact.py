@@ -52,11 +52,11 @@ def borne_by_contact(scene: Scene, state: State) -> Array:
         Stress (s, N) Pa; that of the state if the contact bears it.
     """
     scene = replace(scene, loads=replace(scene.loads, motion=None))
-    needed, strength, _ = map(float, drawn(scene, state))
+    needed, strength, _ = map(float, contact_forces(scene, state))
     if not strength > 0:
         return state.stress
     holding = _strengthened(scene, max(MARGIN * needed / strength, 1.0))
-    if not float(drawn(holding, state).excess) > EXCESS:
+    if not float(contact_forces(holding, state).excess) > EXCESS:
         return state.stress
     particles = scene.particles
     height = float(jnp.ptp(particles.position[-1])) + scene.grid.cell
@@ -89,7 +89,7 @@ class ContactForces(NamedTuple):
 
 
 @jax.jit
-def drawn(scene: Scene, state: State) -> ContactForces:
+def contact_forces(scene: Scene, state: State) -> ContactForces:
     """How soil at rest draws on its contact."""
     scene = near_soil(scene, scene.particles.position)
     dt, maps, strengths = scene.numerics.time_step, Maps(scene, scene.particles.position), []
@@ -104,8 +104,8 @@ def drawn(scene: Scene, state: State) -> ContactForces:
 
     smooth = replace(scene, boundary=replace(scene.boundary, friction=None))
     velocity = move_grid(smooth, nodal, jnp.zeros(()), dt).velocity
-    free, held = slide(scene, velocity, lambda _, push: jnp.zeros_like(push)), slide(scene, velocity, noted)
-    needed, excess = (jnp.sum(jnp.linalg.norm(nodal.mass * v, axis=1)) for v in (free, held))
+    free, limited = slide(scene, velocity, lambda _, push: jnp.zeros_like(push)), slide(scene, velocity, noted)
+    needed, excess = (jnp.sum(jnp.linalg.norm(nodal.mass * v, axis=1)) for v in (free, limited))
     impulse = dt * jnp.sum(scene.particles.mass) * jnp.linalg.norm(scene.loads.gravity)
     return ContactForces(needed / impulse, jnp.asarray(sum(strengths)) / impulse, excess / impulse)
 

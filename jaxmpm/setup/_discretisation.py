@@ -116,8 +116,8 @@ def cell_independent(discretisation: Discretisation, soil: AnySoil) -> Discretis
     """
     length, band = None, getattr(soil, "softening_length", None)
     if getattr(soil, "softens", False) and band not in (None, "cell"):
-        wanted = length_of_band(band)
-        length = wanted if wanted >= kernel_of(discretisation).deviation(discretisation.cell) else None
+        averaging = length_of_band(band)
+        length = averaging if averaging >= kernel_of(discretisation).deviation(discretisation.cell) else None
     average = discretisation.cell_average
     if average is None:
         average = not discretisation.fbar and len(discretisation.spacing) > 1

@@ -337,9 +337,9 @@ def check_borne(scene: Scene) -> None:
     borne = ~np.asarray(jax.vmap(_yields, in_axes=(None, None, 0))(scene, vertical, tried)[:, worst])
     low, high = np.asarray(tried)[borne][[0, -1]] if borne.any() else (np.nan, np.nan)
     place = ", ".join(f"{x:.4g}" for x in np.asarray(scene.particles.position)[:, worst])
-    given = float(np.broadcast_to(np.asarray(k0), vertical.shape)[worst])
+    ratio = float(np.broadcast_to(np.asarray(k0), vertical.shape)[worst])
     raise ValueError(
-        f"k0 = {given:.4g}: level soil yields so at ({place}) m, under {vertical[worst]:.4g} Pa, where it bears "
+        f"k0 = {ratio:.4g}: level soil yields so at ({place}) m, under {vertical[worst]:.4g} Pa, where it bears "
         f"{low:.2g} to {high:.2g}, from its active to its passive limit"
     )
 
@@ -354,8 +354,8 @@ def _yields(scene: Scene, vertical: Array, k0: Array) -> Array:
     after, _ = law.update(none, stress, history, scene.numerics.time_step)
     pairs = zip(after, stress, strict=True)
     change = jnp.max(jnp.stack([jnp.abs(new - old) for new, old in pairs if not tensors.absent(old)]), axis=0)
-    given = jnp.abs(k0 - elastic_ratio(law.bulk, law.shear)) > BORNE * k0
-    return given & (vertical > 0) & ~(change <= BORNE * vertical)
+    not_elastic = jnp.abs(k0 - elastic_ratio(law.bulk, law.shear)) > BORNE * k0
+    return not_elastic & (vertical > 0) & ~(change <= BORNE * vertical)
 
 
 def _with_loose_soil(scene: Scene, stress: Array, gapped: bool, residual: float) -> Array:
@@ -395,8 +395,8 @@ def _with_loose_soil(scene: Scene, stress: Array, gapped: bool, residual: float)
         if not found.any():
             break
         loose |= found
-        balanced, left, _ = elastic_equilibrium(scene, stress, gapped=gapped, loose=jnp.asarray(loose))
-        residual = float(left)
+        balanced, unbalanced, _ = elastic_equilibrium(scene, stress, gapped=gapped, loose=jnp.asarray(loose))
+        residual = float(unbalanced)
         if residual < RESIDUAL:
             check.warn(
                 f"soil that thins out starts without equilibrium, {lost:.1e} of all at {int(loose.sum())} nodes, "

@@ -50,9 +50,9 @@ def check_scene(scene: Scene, axes: Scene | None = None) -> None:
     """
     check.within_limits(scene)
     laws = laws_of(scene.material)
-    for law, own in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
+    for law, law_axes in zip(laws, (None,) * len(laws) if axes is None else laws_of(axes.material), strict=True):
         if not check.is_traced(law):
-            at_once(_check_together, on_host(law), own if jax.tree.leaves(own) else None)
+            at_once(_check_together, on_host(law), law_axes if jax.tree.leaves(law_axes) else None)
 
 
 def _check_together(law: Material, axes: Material | None) -> None:
@@ -178,7 +178,7 @@ def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zo
             f"counts = {material.counts} for {len(material.laws)} laws and {count} particles: give the number of each "
             "law's particles, 1 or more, together all of them"
         )
-    zones = ((law, taken(particles, own)) for law, own in material.zones)
+    zones = ((law, taken(particles, zone)) for law, zone in material.zones)
     return replace(material, laws=tuple(checked_material(law, own, dtype) for law, own in zones))
 
 

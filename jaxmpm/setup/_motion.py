@@ -72,8 +72,10 @@ def read_motion(path: str | Path, *, axes: str = "xz", scale: float = 1.0, unit:
     interval, columns, stated = read(path, text, axes)
     for name, of_file in stated.items():
         if unit is not None and not np.isclose(ACCELERATIONS[unit], of_file):
-            known = next((each for each, factor in ACCELERATIONS.items() if factor == of_file), f"{of_file:g} m/s2")
-            raise ValueError(f"{path} has its {name} in {known}, and {unit} is asked for: give {known}")
+            stated_unit = next(
+                (unit_name for unit_name, factor in ACCELERATIONS.items() if factor == of_file), f"{of_file:g} m/s2"
+            )
+            raise ValueError(f"{path} has its {name} in {stated_unit}, and {unit} is asked for: give {stated_unit}")
     usual = 1.0 if unit is None else ACCELERATIONS[unit]
     columns = {name: values * (stated.get(name, usual) * scale) for name, values in columns.items()}
     none = np.zeros(len(next(iter(columns.values()))))

@@ -100,12 +100,10 @@ def check_names(scene: Scene, names: Collection[str]) -> None:
     Raises:
         ValueError: If one is no parameter of the scene's soil, or young or poisson come with bulk or shear.
     """
-    known = parameter_names(scene)
-    unknown = sorted(set(names) - {*known, *ENGINEERING})
+    allowed = [*parameter_names(scene), *ENGINEERING]
+    unknown = sorted(set(names) - set(allowed))
     if unknown:
-        raise ValueError(
-            f"{unknown} is no parameter of {type(scene.material).__name__}: use some of {[*known, *ENGINEERING]}"
-        )
+        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: use some of {allowed}")
     if WATER_LEVEL in names and scene.loads.water is None:
         raise ValueError("water_level is given, and the scene has no water: build it with a level")
     if PORE_PRESSURE in names and scene.loads.pore_pressure is None:
@@ -150,7 +148,7 @@ def parameter_names(scene: Scene) -> list[str]:
     Returns:
         The names.
     """
-    return [each.path for each in declared(scene.material).values()]
+    return [number.path for number in declared(scene.material).values()]
 
 
 def numbers_of(scene: Scene) -> dict[str, tuple[str, Array]]:
@@ -195,27 +193,27 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
             check_of_contact(name, value, scene.grid)
         else:
             check_shape(name, value, scene.particles)
-    given = {name: jnp.asarray(value, scene.particles.mass.dtype) for name, value in values.items()}
-    varied = replace(scene, material=_material(scene.material, given))
-    if "unit_weight" in given:
-        mass = given["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
+    arrays = {name: jnp.asarray(value, scene.particles.mass.dtype) for name, value in values.items()}
+    varied = replace(scene, material=_material(scene.material, arrays))
+    if "unit_weight" in arrays:
+        mass = arrays["unit_weight"] / STANDARD_GRAVITY * scene.particles.volume
         varied = replace(varied, particles=replace(scene.particles, mass=mass))
-        if scene.loads.pore_pressure is not None and PORE_PRESSURE not in given:
+        if scene.loads.pore_pressure is not None and PORE_PRESSURE not in arrays:
             pressure = scene.loads.pore_pressure * _heavier(scene, varied)
             varied = replace(varied, loads=replace(varied.loads, pore_pressure=pressure))
-    if WATER_LEVEL in given:
+    if WATER_LEVEL in arrays:
         water = scene.loads.water
         assert water is not None
         assert hasattr(water, "at_level")
-        varied = replace(varied, loads=replace(varied.loads, water=water.at_level(given[WATER_LEVEL])))
-    if K0 in given:
-        varied = replace(varied, loads=replace(varied.loads, k0=given[K0]))
-    if PORE_PRESSURE in given:
-        pressure = jnp.broadcast_to(given[PORE_PRESSURE], scene.particles.mass.shape)
+        varied = replace(varied, loads=replace(varied.loads, water=water.at_level(arrays[WATER_LEVEL])))
+    if K0 in arrays:
+        varied = replace(varied, loads=replace(varied.loads, k0=arrays[K0]))
+    if PORE_PRESSURE in arrays:
+        pressure = jnp.broadcast_to(arrays[PORE_PRESSURE], scene.particles.mass.shape)
         varied = replace(varied, loads=replace(varied.loads, pore_pressure=pressure))
-    contact: dict[str, Any] = {part: given[name] for name, part in WALL.items() if name in given}
+    contact: dict[str, Any] = {part: arrays[name] for name, part in WALL.items() if name in arrays}
     varied = replace(varied, boundary=replace(scene.boundary, **contact))
-    if not STARTING & given.keys():
+    if not STARTING & arrays.keys():
         return varied, state
     varied = replace(varied, material=with_water_sealed(varied.material, varied.particles, varied.loads))
     numerics = scene.numerics
@@ -226,7 +224,7 @@ def vary(scene: Scene, state: State, values: Mapping[str, ArrayLike]) -> tuple[S
     before, after = (wave_speed(s.particles, s.material) for s in (scene, varied))
     shorter = host(before, after).minimum(1.0, before / after)
     varied = replace(varied, numerics=replace(numerics, time_step=numerics.time_step * shorter))
-    if not STRESSING & given.keys():
+    if not STRESSING & arrays.keys():
         return varied, state
     stressed = True if check.is_traced(state.stress) else bool(np.any(np.asarray(state.stress)))
     if not stressed:
@@ -245,17 +243,17 @@ def _heavier(scene: Scene, varied: Scene) -> Array:
             "unit_weight varies where r_u presses on an interface too, whose pressure stays: leave out one of them"
         )
     dry = replace(scene.loads, pore_pressure=None)
-    before, after = (overburden(replace(each, loads=dry)) for each in (scene, varied))
+    before, after = (overburden(replace(weighed, loads=dry)) for weighed in (scene, varied))
     numbers = host(before, after)
     ratio = numbers.where(before == 0, 1.0, after / numbers.where(before == 0, 1.0, before))
     return jnp.asarray(ratio, scene.particles.mass.dtype)
 
 
-def _material(material: Material, given: Mapping[str, Array]) -> Material:
-    own = {name: value for name, value in given.items() if name not in ENGINEERING}
-    if "young" in given or "poisson" in given:
+def _material(material: Material, arrays: Mapping[str, Array]) -> Material:
+    parameters = {name: value for name, value in arrays.items() if name not in ENGINEERING}
+    if "young" in arrays or "poisson" in arrays:
         bulk, shear = material.bulk, material.shear
-        young = given.get("young", 9 * bulk * shear / (3 * bulk + shear))
-        poisson = given.get("poisson", (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
-        own["bulk"], own["shear"] = moduli(young, poisson)
-    return with_parameters(material, own)
+        young = arrays.get("young", 9 * bulk * shear / (3 * bulk + shear))
+        poisson = arrays.get("poisson", (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
+        parameters["bulk"], parameters["shear"] = moduli(young, poisson)
+    return with_parameters(material, parameters)

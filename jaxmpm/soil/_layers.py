@@ -28,7 +28,7 @@ def weights(soils: Sequence[AnySoil], layer: np.ndarray, under: np.ndarray | Arr
     """
     dry = [soil.unit_weight for soil in soils]
     wet = [getattr(soil, "saturated_unit_weight", None) for soil in soils]
-    saturated = [weight if own is None else own for weight, own in zip(dry, wet, strict=True)]
+    saturated = [above if below is None else below for above, below in zip(dry, wet, strict=True)]
     numbers = host(dry, saturated, under)
     weight = numbers.asarray(dry)[layer]
     return weight if under is None else numbers.where(under, numbers.asarray(saturated)[layer], weight)
@@ -45,14 +45,14 @@ def ratio_at_rest(soils: Sequence[AnySoil], layer: np.ndarray, law: Material) ->
     Returns:
         () or (N,), that of elastic loading in layers without one; None if no soil has one.
     """
-    given = [getattr(soil, "k0", None) for soil in soils]
-    if all(ratio is None for ratio in given):
+    ratios = [getattr(soil, "k0", None) for soil in soils]
+    if all(ratio is None for ratio in ratios):
         return None
-    if len(given) == 1:
-        return given[0]
-    numbers = host(given, law.bulk)
-    own = numbers.asarray([np.nan if ratio is None else ratio for ratio in given])[layer]
-    return numbers.where(numbers.isnan(own), elastic_ratio(*on_host((law.bulk, law.shear))), own)
+    if len(ratios) == 1:
+        return ratios[0]
+    numbers = host(ratios, law.bulk)
+    at_rest = numbers.asarray([np.nan if ratio is None else ratio for ratio in ratios])[layer]
+    return numbers.where(numbers.isnan(at_rest), elastic_ratio(*on_host((law.bulk, law.shear))), at_rest)
 
 
 def elastic_ratio(bulk: Array, shear: Array) -> Array:
@@ -105,7 +105,7 @@ def _common_law(laws: Sequence[Material], numbers: Sequence[int], layer: np.ndar
 
     def parameter(*values: Array) -> Array:
         first, *others = values
-        different = check.is_traced(values) or any(np.any(np.asarray(each) != np.asarray(first)) for each in others)
+        different = check.is_traced(values) or any(np.any(np.asarray(value) != np.asarray(first)) for value in others)
         return taken(host(values).stack(values), column) if different else values[0]
 
     return jax.tree.map(parameter, *(laws[number] for number in numbers))

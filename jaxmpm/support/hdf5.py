@@ -98,13 +98,13 @@ class Contents:
     Args:
         path: of the file, for messages.
         file: open HDF5 file.
-        left: bytes that may still be read. It limits the total: arrays that share their storage could otherwise make
-            more of a file than its size.
+        remaining: bytes that may still be read. It limits the total: arrays that share their storage could otherwise
+            make more of a file than its size.
     """
 
     path: str | Path
     file: h5py.File
-    left: int
+    remaining: int
 
     def names(self, group: str) -> list[str]:
         """Names in a group; each must be letters, digits, `_` and dots.
@@ -142,9 +142,9 @@ class Contents:
         self._require(dataset.dtype.kind in kinds, f"{where} holds {dataset.dtype}")
         self._require(dimensions in (None, dataset.ndim), f"{where} has shape {dataset.shape}")
         size = prod(dataset.shape) * dataset.dtype.itemsize
-        self._require(size <= self.left, f"{where} has shape {dataset.shape}, more than the file holds")
+        self._require(size <= self.remaining, f"{where} has shape {dataset.shape}, more than the file holds")
         self._require(size == dataset.id.get_storage_size(), f"{where} is shorter than its shape {dataset.shape}")
-        self.left -= size
+        self.remaining -= size
         return dataset[()]
 
     def value(self, group: str, name: str) -> Scalar | np.ndarray:
@@ -193,7 +193,7 @@ class Contents:
     def _dataset(self, group: str, name: str) -> tuple[h5py.Dataset, str]:
         """An array stored in this file, and its path for messages."""
         where = f"{group.rstrip('/')}/{name}"
-        dataset = self._own(self._group(group), name, where)
+        dataset = self._member(self._group(group), name, where)
         self._require(isinstance(dataset, h5py.Dataset) and dataset.shape is not None, f"{where} is no array")
         made = dataset.id.get_create_plist()
         as_it_stands = made.get_layout() in (h5py.h5d.COMPACT, h5py.h5d.CONTIGUOUS) and not made.get_external_count()
@@ -204,11 +204,11 @@ class Contents:
         group: h5py.Group = self.file
         for name in path.split("/"):
             if name:
-                group = self._own(group, name, path)
+                group = self._member(group, name, path)
                 self._require(isinstance(group, h5py.Group), f"{path} is no group")
         return group
 
-    def _own(self, parent: h5py.Group, name: str, where: str) -> h5py.Group | h5py.Dataset:
+    def _member(self, parent: h5py.Group, name: str, where: str) -> h5py.Group | h5py.Dataset:
         """The object of this name in a group, which must be stored in this file."""
         link = parent.get(name, getlink=True)
         self._require(link is not None, f"it lacks {where}")

@@ -134,8 +134,8 @@ def require_known(values: Mapping[str, object], remedy: str) -> None:
     """
     for name, value in values.items():
         parts = vars(value) if is_dataclass(value) and not isinstance(value, type) else {"": value}
-        for part, each in parts.items():
-            if check.is_traced(each):
+        for part, leaf in parts.items():
+            if check.is_traced(leaf):
                 raise ValueError(
                     f"{f'{part} of ' if part else ''}{name} is traced by jit, grad or vmap, and it shapes the program: "
                     f"give a number; {remedy}"

@@ -72,12 +72,12 @@ def p2g(
         terms += [Term(before + c, channels + c, (d - 1,), -1) for c in range(len(upright))]
         channels += len(upright)
     _check(grid, position, *blocks)
-    known, first = _storage(grid)
+    static_grid, first = _storage(grid)
     if engine is Engine.XLA:
         rows = rows_of(blocks)
-        return stencil.scatter(known, kernel, position, rows, terms=terms, channels=channels, first=first)
+        return stencil.scatter(static_grid, kernel, position, rows, terms=terms, channels=channels, first=first)
     native_only = _native_only(engine)
-    statics = {"grid": known, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
+    statics = {"grid": static_grid, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
     return scatter_p.bind(position, *([] if first is None else [first]), *blocks, channels=channels, **statics)
 
 
@@ -113,12 +113,12 @@ def g2p(
     terms = [Term(c, c) for c in range(values)]
     terms += [Term(values + c * d + j, c, (j,)) for c in range(gradients) for j in range(d)]
     count = values + gradients * d
-    known, first = _storage(grid)
+    static_grid, first = _storage(grid)
     if engine is Engine.XLA:
-        rows = stencil.gather(known, kernel, position, nodal, terms=terms, rows=count, first=first)
+        rows = stencil.gather(static_grid, kernel, position, nodal, terms=terms, rows=count, first=first)
     else:
         native_only = _native_only(engine)
-        statics = {"grid": known, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
+        statics = {"grid": static_grid, "kernel": kernel, "terms": tuple(terms), "native_only": native_only}
         rows = gather_p.bind(position, *([] if first is None else [first]), nodal, rows=count, **statics)
     gradient = rows[values:].reshape(gradients, d, position.shape[-1])
     return rows[:values] if values else None, gradient if gradients else None

@@ -171,7 +171,7 @@ def fit_field(
     part = _thinned(model, np.arange(values.size)[:: -(-values.size // _ROUGH[1])])
     lengths_drawn = _lengths_drawn(_posterior(part, grids, edges), grids, random)[0]
     grids = [_narrowed(grid, row) for grid, row in zip(grids, lengths_drawn, strict=True)]
-    draws = _drawn(model, _posterior(model, grids, edges), grids, edges, random)
+    draws = _parameter_draws(model, _posterior(model, grids, edges), grids, edges, random)
     lengths = [interval_of(row) for row in draws.lengths]
     names = ["horizontal", "vertical"][-len(lengths) :]
     reasons = [_reason(length, grid) for length, grid in zip(lengths, searched, strict=True)]
@@ -341,7 +341,7 @@ def _narrowed(grid: HostArray, draws: HostArray) -> HostArray:
     return np.geomspace(max(low / ratio**0.5, grid[0]), min(high * ratio**0.5, grid[-1]), _FINE)
 
 
-def _drawn(
+def _parameter_draws(
     model: Model, posterior: list[Cell], grids: list[HostArray], edges: HostArray, random: np.random.Generator
 ) -> Draws:
     """Draws of all parameters; those whose mean falls to 0 within the data or at depth 0 are left out."""

@@ -142,8 +142,8 @@ def expand(
     remainder = 0.0 if energy is None else (1 - energy) / (3 * len(covariance))
     most = modes if modes is not None else 2**31
     solvers = tuple(
-        resolved(each, axis, size, remainder, most)
-        for each, axis, size in zip(per_axis, covariance, extent, strict=True)
+        resolved(solver_of_axis, axis, size, remainder, most)
+        for solver_of_axis, axis, size in zip(per_axis, covariance, extent, strict=True)
     )
     real = jnp.result_type(float, *jax.tree.leaves(covariance)) if dtype is None else floating(dtype)
     _check_near(covariance, origin, extent, real)
@@ -241,13 +241,13 @@ def with_covariance(expansion: Expansion, covariance: tuple[Covariance, ...]) ->
     families = [type(family).__name__ for family in expansion.covariance]
     kinds = [type(family).__name__ for family in covariance]
     require(kinds == families, f"covariance of {kinds} for an expansion of {families}: give the same families")
-    for each in covariance:
-        for length in length_leaves(each):
+    for correlation in covariance:
+        for length in length_leaves(correlation):
             positive("correlation length", length, "m", remedy=_CONSTANT)
-    for solver, each, old, size in zip(
+    for solver, correlation, old, size in zip(
         expansion.solvers, covariance, expansion.covariance, expansion.extent, strict=True
     ):
-        check_resolves(solver, each, old, size)
+        check_resolves(solver, correlation, old, size)
     axes = all_axis_modes(covariance, expansion.solvers, expansion.origin, expansion.extent)
     solved = [leading(axis, old.fractions.shape[0]) for axis, old in zip(axes, expansion.axes, strict=True)]
     return replace(

@@ -26,7 +26,7 @@ class _Products:
         self.pairs = np.multiply.outer(first, second).ravel()
         self.width = len(second)
         self.ascending = self.last[::-1]
-        self.held = np.concatenate([[0.0], np.cumsum(self.last)])
+        self.cumulative = np.concatenate([[0.0], np.cumsum(self.last)])
 
     def depths(self, threshold: float) -> HostIndex:
         """For each pair, how many of the last axis' modes give a product of at least `threshold`."""
@@ -35,7 +35,7 @@ class _Products:
 
     def energy(self, depths: HostIndex) -> float:
         """Sum of the products of the modes down to `depths`."""
-        return float(self.pairs @ self.held[depths])
+        return float(self.pairs @ self.cumulative[depths])
 
     def triples(self, depths: HostIndex) -> tuple[HostIndex, HostArray]:
         """Indices (3, M) and products (M,) of the modes down to `depths`, largest first."""

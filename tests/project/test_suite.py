@@ -4,12 +4,12 @@ import subprocess
 import sys
 
 from tests import conftest
-from tests.conftest import SESSION, known, left_behind
+from tests.conftest import SESSION, knows_flags, left_behind
 
 
 def test_flags_that_jaxlib_does_not_know_are_recognised():
-    assert known("--xla_backend_optimization_level=0")
-    assert not known("--xla_no_such_flag=0")
+    assert knows_flags("--xla_backend_optimization_level=0")
+    assert not knows_flags("--xla_no_such_flag=0")
 
 
 def test_bytecode_is_kept_for_the_next_process():

@@ -21,7 +21,7 @@ from benchmarks.study.figures._study import (
     upright,
     with_limits,
 )
-from benchmarks.study.probability import CHANGE, audited_length, drawn, rough_length
+from benchmarks.study.probability import CHANGE, audit_weights, audited_length, rough_length
 from benchmarks.study.rows import Run, population
 
 READINGS = {
@@ -38,16 +38,16 @@ READINGS = {
 
 def readings(study: Study) -> Figure:
     """Change of P_f of the section by each reading."""
-    known = {
+    changes = {
         line.what.removeprefix(CHANGE): study.answer(line.what) for line in study.lines if line.what.startswith(CHANGE)
     }
-    figure, (ax,) = sheet(1, 1, (7.6, 1.4 + 0.32 * len(known)))
-    for at, answer in enumerate(known.values()):
+    figure, (ax,) = sheet(1, 1, (7.6, 1.4 + 0.32 * len(changes)))
+    for at, answer in enumerate(changes.values()):
         ax.plot(answer.interval, (at, at), color=BLUE, lw=1.8)
         ax.plot(answer.value, at, "o", color=BLUE)
     ax.axvline(0, color=GREY, linewidth=0.8)
-    ax.set_yticks(range(len(known)), [READINGS.get(name, name) for name in known])
-    ax.set_ylim(len(known) - 0.5, -0.5)
+    ax.set_yticks(range(len(changes)), [READINGS.get(name, name) for name in changes])
+    ax.set_ylim(len(changes) - 0.5, -0.5)
     ax.grid(axis="x", color="0.9", lw=0.6)
     base = study.answer("P_f of the section")
     title = f"$P_f$ of the section: {with_limits(base, 3)}, {base.rests_on};\nwhat one change at a time makes of it"
@@ -98,18 +98,20 @@ def ranks(study: Study) -> Figure:
     rough = population(study.rows, "published", samples).rough_displacement
     runs = {n: Run("published", "refined", n) for n in range(samples)}
     refined = {n: study.rows[run].score for n, run in runs.items() if run in study.rows}
-    weight = drawn(study.rows, "published", samples, AUDIT)
+    weight = audit_weights(study.rows, "published", samples, AUDIT)
     figure, (left, right) = sheet(1, 2, (4.6, 4.0))
     order = np.argsort(-rough, kind="stable")
     rank = np.empty(samples, int)
     rank[order] = np.arange(1, samples + 1)
     left.plot(np.arange(1, samples + 1), rough[order], color="black", lw=1.4, label=f"rough grid, {samples} samples")
     rest, chance = [n for n in refined if n not in weight], list(weight)
-    for mine, marker, color, words in (
+    for numbers, marker, color, words in (
         (rest, "x", YELLOW, "refined, in rank order"),
         (chance, "o", BLUE, "refined, drawn by chance"),
     ):
-        left.plot(rank[mine], [refined[n] for n in mine], marker, color=color, ms=4, label=f"{words}: {len(mine)}")
+        left.plot(
+            rank[numbers], [refined[n] for n in numbers], marker, color=color, ms=4, label=f"{words}: {len(numbers)}"
+        )
     left.axhline(FAILS_ABOVE, color=GREY, lw=0.8, ls="--")
     words = f"fails above {FAILS_ABOVE:g} m"
     left.text(samples, FAILS_ABOVE * 1.1, words, ha="right", va="bottom", color=GREY, fontsize=FAINT)
@@ -118,8 +120,8 @@ def ranks(study: Study) -> Figure:
     left.set_title("every sample by its rank", loc="left", fontsize=10)
     left.legend(frameon=False, fontsize=INSIDE)
     _agreement(right, rough[chance], np.array([refined[n] for n in chance]), np.array(list(weight.values())))
-    known = {"rank correlation": study.answer("spearman_3d"), "classed alike": study.answer("same_class_3d")}
-    title = "\n".join(f"{words} {with_limits(answer)}" for words, answer in known.items())
+    in_title = {"rank correlation": study.answer("spearman_3d"), "classed alike": study.answer("same_class_3d")}
+    title = "\n".join(f"{words} {with_limits(answer)}" for words, answer in in_title.items())
     right.set_title(title, loc="left", fontsize=10)
     return figure
 

@@ -70,13 +70,13 @@ def fits(study: Study) -> Figure:
     fitted = [mode for mode in MODES if slides.of_mode(mode).sum() >= TO_FIT]
     figure, axes = sheet(len(fitted), len(LABELS), (3.15, 3.7))
     for mode, row in zip(fitted, np.array(axes).reshape(len(fitted), -1), strict=True):
-        mine = [slide for slide in slides.ended if slide.mode == mode]
+        of_mode = [slide for slide in slides.ended if slide.mode == mode]
         for ax, (measure, label) in zip(row, LABELS.items(), strict=True):
-            values = np.array([getattr(slide, measure) for slide in mine], float)
+            values = np.array([getattr(slide, measure) for slide in of_mode], float)
             _distributions(ax, values, slides.weight[slides.of_mode(mode)], BEST_FITS[mode][measure])
             ax.set(xlabel=label, ylim=(-0.02, 1.02))
         row[0].set_ylabel(f"share of {mode} slides below [-]")
-        row[0].set_title(f"{len(mine)} {mode} slides, refined grid", loc="left", fontsize=10)
+        row[0].set_title(f"{len(of_mode)} {mode} slides, refined grid", loc="left", fontsize=10)
     return figure
 
 

@@ -132,7 +132,7 @@ def scatter(
     Returns:
         (..., nodes, channels).
     """
-    arrays = (position, *_given(first), *blocks)
+    arrays = (position, *_optional(first), *blocks)
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
     parts = []
     for channel in range(0, channels, MAX_CHANNELS):
@@ -167,10 +167,10 @@ def gather(
     Returns:
         (..., rows, N).
     """
-    batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *_given(first))))
+    batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *_optional(first))))
     result = jax.ShapeDtypeStruct((*batch, rows, position.shape[-1]), position.dtype)
     call = jax.ffi.ffi_call("jaxmpm_gather", result)
-    return _by_channels(call, grid, kernel, (position, nodal, *_given(first)), terms)
+    return _by_channels(call, grid, kernel, (position, nodal, *_optional(first)), terms)
 
 
 def contract(
@@ -199,7 +199,7 @@ def contract(
     Returns:
         Derivative (..., d, N), and the result of `gather` (..., rows, N).
     """
-    arrays = (position, nodal, *_given(first), *blocks)
+    arrays = (position, nodal, *_optional(first), *blocks)
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
     results = [
         jax.ShapeDtypeStruct((*batch, count, position.shape[-1]), position.dtype) for count in (grid.dimension, rows)
@@ -256,7 +256,7 @@ def _by_channels(
     return functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
 
 
-def _given(first: Array | None) -> tuple[Array, ...]:
+def _optional(first: Array | None) -> tuple[Array, ...]:
     """The array, where a transfer has it."""
     return () if first is None else (first,)
 

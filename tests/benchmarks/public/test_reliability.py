@@ -55,7 +55,7 @@ def test_estimators_are_those_that_a_limit_state_suits():
 
 def test_repetitions_are_counted():
     answers = [Answer(0.1, (0.05, 0.15), 100), Answer(0.3, (0.25, 0.35), 300)]
-    rows = reliability.repeated("a", "b", lambda seed: answers[seed], 0.1, 2, own=True)
+    rows = reliability.repeated("a", "b", lambda seed: answers[seed], 0.1, 2, ours=True)
     ours = {row["quantity"]: row["ours"] for row in rows}
     assert ours["coverage of the 95 % interval"] == 0.5
     assert ours["mean P_f"] == pytest.approx(0.2)
@@ -63,7 +63,7 @@ def test_repetitions_are_counted():
     assert ours["root mean square error over P_f"] == pytest.approx(math.sqrt(2), rel=1e-5)
     assert ours["calls for an error of 10 %"] == pytest.approx(200 * 200, rel=1e-4)
     assert [row["figure"] for row in rows].count("reliability_coverage_min") == 1
-    others = reliability.repeated("a", "b", lambda seed: answers[seed], 0.1, 2, own=False)
+    others = reliability.repeated("a", "b", lambda seed: answers[seed], 0.1, 2, ours=False)
     assert not any(row["figure"] for row in others)
 
 

@@ -59,7 +59,7 @@ def refusal(text):
 )
 def test_an_answer_differs_from_a_traceback_noise_and_a_folder_left_behind(does, how, tmp_path, monkeypatch):
     monkeypatch.setitem(_commands.COMMANDS, "run", does)
-    assert hostile_scenes.asked("", tmp_path).how == how
+    assert hostile_scenes.answer_in_process("", tmp_path).how == how
 
 
 def raised(error):
@@ -135,7 +135,7 @@ def test_workers_end_with_a_controller_that_is_killed(tmp_path):
         time.sleep(0.01)
     assert len(list(lives._marked(life.mark))) >= 3
     assert lives.killed(life, random.Random(0))
-    assert life.left() == []
+    assert life.survivors() == []
 
 
 def test_files_of_the_trade_are_what_they_are_called_or_refused(tmp_path):

@@ -36,7 +36,7 @@ def few_cases(monkeypatch):
 def run_all(fails, rows):
     """The runs that a study with these rows lacks, in order. fails: whether a run does."""
     asked = []
-    while run := next((run for run in missing.wanted(rows) if run not in rows), None):
+    while run := next((run for run in missing.missing_runs(rows) if run not in rows), None):
         asked.append(run)
         rows[run] = CLASS if fails(run) else STOOD
     return asked

@@ -102,7 +102,7 @@ def test_a_campaign_on_layers_is_stopped_and_goes_on(tmp_path, capsys):
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in sites.SCENES.glob("*.toml")))
 def test_scenes_of_known_slopes_are_those_built_in_python(name):
-    row = sites.drawn(name)
+    row = sites.compare_scene(name)
     assert row.get("difference", 0.0) == 0.0
     assert ("difference" in row) == (name in sites.AS_CASES)
 

@@ -90,7 +90,7 @@ def test_surface_takes_rain_up_to_what_it_conducts_and_sheds_the_rest(times):
     at_end = float(seepage.infiltration(column, flow.head[-1])[0].sum())
     assert at_end == pytest.approx(min(rate, float(loam.conductivity)), rel=1e-3)
     shed = float(flow.runoff)
-    assert shed == pytest.approx(fallen - float(flow.record.entered.sum()))
+    assert shed == pytest.approx(fallen - float(flow.record.inflow.sum()))
     assert (shed > 0.5 * fallen) if times > 2 else (shed < 1e-6 * fallen)
     assert cases.lost(flow) < 1e-6
 
@@ -99,7 +99,7 @@ def test_evaporation_dries_up_at_the_driest_head():
     column = loam_column(seepage.open_face(rain=-1e-7, driest=-20.0))
     flow = done(column, -1.0, [3 * cases.DAY, 300 * cases.DAY], tolerance=0.05)
     assert float(flow.record.rain.sum()) == 0
-    rates = np.asarray(flow.record.left)[: int(flow.steps)] / flow.durations
+    rates = np.asarray(flow.record.outflow)[: int(flow.steps)] / flow.durations
     assert rates[0] == pytest.approx(1e-7)
     assert rates[-1] < 0.2e-7
     assert float(flow.head.min()) > -20.0
@@ -110,7 +110,7 @@ def test_rain_table_is_taken_to_the_drop():
     table = ([0.0, 3600.0, 5000.0], [1e-6, 0.0, 2e-6])
     column = loam_column(seepage.open_face(rain=table))
     flow = done(column, -2.0, [4000.0, 9000.0], tolerance=0.05)
-    assert float(flow.record.entered.sum()) == pytest.approx(3600e-6 + 8000e-6, rel=1e-6)
+    assert float(flow.record.inflow.sum()) == pytest.approx(3600e-6 + 8000e-6, rel=1e-6)
     assert np.any(np.isclose(np.cumsum(flow.durations), 5000.0, rtol=1e-12))
 
 
@@ -139,7 +139,7 @@ def test_drawdown_leaves_a_seepage_face():
     (into,) = seepage.infiltration(problem, flow.head[-1], time=cases.DAY)
     heights = dam.positions("right")[1]
     assert np.all(np.asarray(into)[heights < 6] < 0)
-    assert float(flow.record.entered.sum()) < 0.01 * float(flow.record.left.sum())
+    assert float(flow.record.inflow.sum()) < 0.01 * float(flow.record.outflow.sum())
     assert float(flow.head[-1].max()) > 4.0  # the core is still full
     assert cases.lost(flow) < 1e-6
 
