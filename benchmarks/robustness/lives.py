@@ -162,7 +162,7 @@ def disturb(
             toll.orphans += life.survivors()
             toll.lost += [f"{run} is gone" for run in before - finished(disturbed)]
             before = finished(disturbed)
-        toll.orphans += whole(case, disturbed, workers).left()
+        toll.orphans += whole(case, disturbed, workers).survivors()
         toll.lost += differences(disturbed, undisturbed)
         round_ += 1
     return toll

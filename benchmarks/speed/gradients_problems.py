@@ -68,16 +68,16 @@ def elastic(steps: int) -> Problem:
 def softening(steps: int) -> Problem:
     """A slope that slides and softens."""
     scene, state = mpm.slope(SLOPE, CLAY, mpm.Discretisation(1.0, (0.5, 0.5)))
-    parts = {"moduli": ("bulk", "shear"), "strength": ("strength",), "softening": ("softening.modulus",)}
+    parts = {"moduli": ("bulk", "shear"), "strength": ("strength",), "softening": ("softening_modulus",)}
     return _of_parts(mpm.reduced(scene, 1.3), state, steps, parts)
 
 
 def _of_parts(scene: mpm.Scene, state: mpm.State, steps: int, parts: Mapping[str, tuple[str, ...]]) -> Problem:
     """By gravity, and by numbers of the law that share a factor."""
-    numbers = {number.path: number.value for number in declared(scene.material).values()}
+    numbers = {name: number.value for name, number in declared(scene.material).items()}
 
     def reached(factors: Factors) -> Array:
-        values = {path: numbers[path] * factors[name] for name, paths in parts.items() for path in paths}
+        values = {name: numbers[name] * factors[part] for part, names in parts.items() for name in names}
         loads = replace(scene.loads, gravity=scene.loads.gravity * factors["gravity"])
         varied = replace(scene, material=with_parameters(scene.material, values), loads=loads)
         return objectives.log_displacement(mpm.replay(varied, state, steps)[0])
@@ -105,7 +105,7 @@ def law(soil: Any, steps: int, *, exponential: bool = False) -> Problem:
         return jnp.log(jnp.mean(state.displacement**2))
 
     def reached(factors: Factors) -> Array:
-        values = {number.path: number.value * factors[name] for name, number in numbers.items()}
+        values = {name: number.value * factors[name] for name, number in numbers.items()}
         varied = replace(scene, material=with_parameters(scene.material, values))
         return moved(mpm.replay(varied, state, steps)[0])
 

@@ -78,7 +78,7 @@ def with_uneven_softening(scene: Scene, state: State) -> tuple[Scene, State]:
     """Modulus and residual of the softening that differ from particle to particle, as random fields make them."""
     law = scene.material.softening
     uneven = 1 + 0.3 * jnp.sin(jnp.arange(scene.particles.mass.size, dtype=state.stress.dtype))
-    values = {"softening.modulus": law.modulus * uneven, "softening.residual_ratio": law.residual_ratio * uneven}
+    values = {"softening_modulus": law.modulus * uneven, "residual_ratio": law.residual_ratio * uneven}
     return mpm.with_soil(scene, state, **values)
 
 

@@ -141,11 +141,10 @@ class GridModel:
         return (*random, *bound)
 
     @property
-    def paths(self) -> dict[str, str]:
-        """Where `jaxmpm.with_soil` and `solve_each` find the parameters that samples differ in, by name."""
-        numbers, site = declared(self.scene.material), self.campaign.site
-        varied = (*self.names, *self.of_contact, *(() if site.level is None else (LEVEL,)), *self.of_flow)
-        return {name: numbers[name].path if name in numbers else name for name in varied}
+    def varied_names(self) -> tuple[str, ...]:
+        """What samples differ in, by the names of `jaxmpm.with_soil` and `solve_each`."""
+        level = () if self.campaign.site.level is None else (LEVEL,)
+        return (*self.names, *self.of_contact, *level, *self.of_flow)
 
     @property
     def of_contact(self) -> tuple[str, ...]:
@@ -171,7 +170,7 @@ class GridModel:
     @property
     def own_start(self) -> bool:
         """Whether samples have an initial stress or a time step of their own: random stiffness, weight or water."""
-        return not {"young", "poisson", "unit_weight", "k0", "b_value", LEVEL, PRESSURE}.isdisjoint(self.paths)
+        return not {"young", "poisson", "unit_weight", "k0", "b_value", LEVEL, PRESSURE}.isdisjoint(self.varied_names)
 
     def parameters(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The parameters at the particles in which samples differ, each (N,), by engineer's name.
@@ -191,20 +190,20 @@ class GridModel:
         return law | {name: drawn[name] for name in (*IN_LAW, *CONTACT) if name in drawn}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
-        """The same as `solve_each` takes them: by path, angles in radians, softening that of the grid's bands.
+        """The same as `solve_each` takes them: angles in radians, softening that of the grid's bands.
 
         It may be differentiated by the coefficients.
 
         Raises:
             ValueError: another number of them, or traced ones where the water differs.
         """
-        if check.is_traced(coefficients) and not {LEVEL, PRESSURE}.isdisjoint(self.paths):
+        if check.is_traced(coefficients) and not {LEVEL, PRESSURE}.isdisjoint(self.varied_names):
             raise ValueError(
-                f"random are {', '.join(self.paths)}, and water of samples is worked out on the host, without "
+                f"random are {', '.join(self.varied_names)}, and water of samples is worked out on the host, without "
                 "derivatives: give it as a number"
             )
         level = self.water_level(coefficients)
-        values = {self.paths[name]: value for name, value in self._in_law(self._drawn(coefficients), level).items()}
+        values = self._in_law(self._drawn(coefficients), level)
         values |= self._at_contact(coefficients, values) | self._under_water(coefficients)
         return values if level is None else values | {LEVEL: jnp.asarray(level, self.scene.loads.gravity.dtype)}
 
@@ -334,15 +333,12 @@ class GridModel:
     ) -> dict[str, jax.Array]:
         """Strength (nodes,) of the interface, where it is random or that of a sample's soil, whose numbers are given.
 
-        soil: numbers of the law, by path.
+        soil: numbers of the law, by name.
         """
         if not self.of_contact:
             return {}
         contact, site = self.contact, self.campaign.site
-        names = {self.paths[name]: name for name in self.names}
-        from_soil = (
-            contact.of_soil({names[path]: value for path, value in soil.items()}) if site.contact_of_soil else {}
-        )
+        from_soil = contact.of_soil(soil) if site.contact_of_soil else {}
         from_soil = {name: from_soil[name] for name in self.of_contact if name in from_soil}
         sample = np.zeros(self.soil.modes) if coefficients is None else coefficients
         points = jnp.asarray(contact.points, self.scene.particles.position.dtype)
@@ -392,12 +388,12 @@ class GridModel:
         if self.strength_factor == 1:
             return numbers
         law = self.scene.material
-        paths = {name: number.path for name, number in declared(law).items()}
-        full = with_parameters(law, {paths[name]: value for name, value in numbers.items() if name in paths})
+        in_law = declared(law)
+        full = with_parameters(law, {name: value for name, value in numbers.items() if name in in_law})
         reduced = declared(jaxmpm.laws.reduce_strength(full, jnp.asarray(1 / self.strength_factor, law.bulk.dtype)))
         count = self.scene.particles.mass.shape
         return {
-            name: jnp.broadcast_to(reduced[name].value, count) if name in paths else numbers[name]
+            name: jnp.broadcast_to(reduced[name].value, count) if name in in_law else numbers[name]
             for name in self.names
         }
 

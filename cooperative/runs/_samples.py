@@ -88,7 +88,7 @@ def run_samples(
             on_chunk(chunk)
 
     drawn_numbers, drawn = tee(until_stopped())
-    names = [*model.paths.values()]
+    names = model.varied_names
     soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(names))
     varied = {name: map(itemgetter(name), soil_of_sample) for name, soil_of_sample in zip(names, soils, strict=True)}
     for number, result in solve_each(

@@ -89,16 +89,22 @@ def with_parameters(law: Any, values: Mapping[str, ArrayLike]) -> Any:
 
     Args:
         law: a law.
-        values: by path, numbers or one value per particle (N,).
+        values: numbers or one value per particle (N,), by the names of `declared`.
 
     Returns:
         The varied law.
     """
+    numbers = declared(law)
+    return _with_values(law, {numbers[name].path if name in numbers else name: v for name, v in values.items()})
+
+
+def _with_values(part: Any, values: Mapping[str, ArrayLike]) -> Any:
+    """A law or a part of one with other values, by path."""
     changed = {path: value for path, value in values.items() if "." not in path}
-    for part in {path.partition(".")[0] for path in values.keys() - changed.keys()}:
-        inner = {path.partition(".")[2]: value for path, value in values.items() if path.startswith(f"{part}.")}
-        changed[part] = with_parameters(getattr(law, part), inner)
-    return replace(law, **changed)
+    for name in {path.partition(".")[0] for path in values.keys() - changed.keys()}:
+        inner = {path.partition(".")[2]: value for path, value in values.items() if path.startswith(f"{name}.")}
+        changed[name] = _with_values(getattr(part, name), inner)
+    return replace(part, **changed)
 
 
 def has_strength(law: object) -> bool:
@@ -138,7 +144,7 @@ def with_strength_divided(law: Law, factor: Array) -> Law:
         for name, number in numbers.items()
         if name not in strength and number.parameter.at_most in strength
     }
-    return with_parameters(law, {numbers[name].path: value for name, value in {**strength, **lowered}.items()})
+    return with_parameters(law, {**strength, **lowered})
 
 
 def hardens(law: object) -> Array | None:

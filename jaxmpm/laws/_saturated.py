@@ -314,6 +314,6 @@ def _(law: Saturated) -> dict[str, Declared]:
 
 @with_parameters.register
 def _(law: Saturated, values: Mapping[str, ArrayLike]) -> Saturated:
-    skeleton = {path: value for path, value in values.items() if path != "b_value"}
-    water: dict[str, Any] = {path: value for path, value in values.items() if path == "b_value"}
+    skeleton = {name: value for name, value in values.items() if name != "b_value"}
+    water: dict[str, Any] = {name: value for name, value in values.items() if name == "b_value"}
     return replace(law, law=with_parameters(law.law, skeleton), **water)

@@ -321,11 +321,9 @@ def _(law: Zoned, values: Mapping[str, ArrayLike]) -> Zoned:
     taken: set[str] = set()
     laws = []
     for part, span in law.zones:
-        paths = {name: number.path for name, number in declared(part).items()}
-        varied = {name: path for name, path in {**paths, **{path: path for path in paths.values()}}.items()
-                if name in values}  # fmt: skip
-        taken |= varied.keys()
-        laws.append(with_parameters(part, {path: _of_zone(values[name], span) for name, path in varied.items()}))
+        varied = declared(part).keys() & values.keys()
+        taken |= varied
+        laws.append(with_parameters(part, {name: _of_zone(values[name], span) for name in varied}))
     if unknown := sorted(values.keys() - taken):
         raise ValueError(f"{unknown} is a parameter of no zone of {_names(law)}: give some of {sorted(declared(law))}")
     return replace(law, laws=tuple(laws))

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxmpm.laws import declared, with_parameters
+from jaxmpm.laws import with_parameters
 from jaxmpm.run._checkpointed import replay
 from jaxmpm.setup import WALL_STRENGTH, check_scene, numbers_of
 from jaxmpm.support import check
@@ -37,8 +37,8 @@ def sensitivity(
         scene: with a law of any kind.
         state: at the start.
         objective: State -> scalar, for example `objectives.soft_largest_displacement`.
-        parameters: names of numbers that the law declares, as `laws.declared` lists them, of a part also with a dot,
-            and wall_friction and wall_cohesion where walls or a base have them; None for all of them.
+        parameters: names of numbers that the law declares, as `laws.declared` lists them, and wall_friction and
+            wall_cohesion where walls or a base have them; None for all of them.
         steps: a Python integer.
         memory: bytes that reverse mode may use.
 
@@ -51,39 +51,33 @@ def sensitivity(
         FloatingPointError: If the run breaks off.
     """
     numbers = numbers_of(scene)
-    every = [*declared(scene.material), *(name for name in WALL_STRENGTH if name in numbers)]
-    names = sorted(every if parameters is None else parameters)
+    names = numbers if parameters is None else parameters
     if unknown := sorted(set(names) - numbers.keys()):
-        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {every}")
+        raise ValueError(f"{unknown} is no parameter of {type(scene.material).__name__}: give some of {[*numbers]}")
     check_scene(scene)
     shapes = {name: (scene.grid.nodes,) if name in WALL_STRENGTH else scene.particles.mass.shape for name in names}
-    values = {name: jnp.broadcast_to(numbers[name][1], shape) for name, shape in shapes.items()}
-    paths = tuple(numbers[name][0] for name in names)
-    (value, status), derivatives = _derivatives(
-        values, scene, state, paths=paths, objective=objective, steps=steps, memory=memory
-    )
+    values = {name: jnp.broadcast_to(numbers[name], shape) for name, shape in shapes.items()}
+    (value, status), derivatives = _derivatives(values, scene, state, objective=objective, steps=steps, memory=memory)
     if not check.is_traced(status) and int(status) > Status.DECIDED:
         remedy = "the scene from follow_soil with the state reached" if status == Status.GRID_FULL else "fewer"
         raise FloatingPointError(f"the run breaks off within {steps} steps ({Status(int(status)).name}): give {remedy}")
     return value, derivatives
 
 
-@partial(jax.jit, static_argnames=("paths", "objective", "steps", "memory"))
+@partial(jax.jit, static_argnames=("objective", "steps", "memory"))
 @partial(jax.value_and_grad, has_aux=True)
 def _derivatives(
     values: dict[str, Array],
     scene: Scene,
     state: State,
     *,
-    paths: tuple[str, ...],
     objective: Callable[[State], Array],
     steps: int,
     memory: float,
 ) -> tuple[Array, Array]:
-    """Objective and status; `paths` are those of the names, which are sorted, as JAX sorts those of a dict."""
-    parameters = dict(zip(paths, values.values(), strict=True))
-    walls: dict[str, Any] = {WALL_STRENGTH[path]: parameters.pop(path) for path in paths if path in WALL_STRENGTH}
-    law = with_parameters(scene.material, parameters)
+    """Objective and status of a run with these numbers of the law and of walls."""
+    walls: dict[str, Any] = {WALL_STRENGTH[name]: value for name, value in values.items() if name in WALL_STRENGTH}
+    law = with_parameters(scene.material, {name: v for name, v in values.items() if name not in WALL_STRENGTH})
     varied = replace(scene, material=law, boundary=replace(scene.boundary, **walls))
     end, _ = replay(varied, state, steps, memory=memory)
     return objective(end), end.status

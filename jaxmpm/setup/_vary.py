@@ -44,8 +44,8 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
     Args:
         scene: to vary.
         state: at which it starts; it must not have moved if stiffness or weight change.
-        **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, one of a part
-            with a dot, as in `**{"softening.modulus": 85e3}`; young (Pa), poisson, unit_weight (N/m3, of all soil, also
+        **values: numbers or one value per particle (N,), by name: any parameter of the scene's material, as
+            `laws.declared` lists them, angles in radians; young (Pa), poisson, unit_weight (N/m3, of all soil, also
             below the water table), k0 (of soil that has one), water_level (m, of a level table; soil keeps its weight,
             give a unit_weight too where it is another below water), pore_pressure (Pa, of soil that has one), and of
             walls and a base that have them wall_friction (coefficient), wall_cohesion (Pa) and wall_pressure (Pa, of
@@ -140,7 +140,7 @@ def check_start(state: State, names: Collection[str]) -> None:
 
 
 def parameter_names(scene: Scene) -> list[str]:
-    """Names of the material's parameters, with a dot for those of its parts.
+    """Names of the material's parameters, as `laws.declared` lists them.
 
     Args:
         scene: with its material.
@@ -148,32 +148,29 @@ def parameter_names(scene: Scene) -> list[str]:
     Returns:
         The names.
     """
-    return [number.path for number in declared(scene.material).values()]
+    return list(declared(scene.material))
 
 
-def numbers_of(scene: Scene) -> dict[str, tuple[str, Array]]:
+def numbers_of(scene: Scene) -> dict[str, Array]:
     """Numbers of a scene's soil, and strengths of walls and a base that have them.
 
     Args:
         scene: of any law.
 
     Returns:
-        What `with_soil` calls each, and its value, by that name and by the engineer's.
+        Value, by the name that `with_soil` takes: a number, one per particle (N,), or of walls one per node (nodes,).
 
     Example:
         >>> import jaxmpm as mpm
         >>> soil = mpm.Soil(young=5e6, strength=9e3)
         >>> scene, _ = mpm.column(10.0, soil, mpm.Discretisation(cell=1.0, spacing=(0.5,)))
-        >>> name, value = mpm.numbers_of(scene)["strength"]
-        >>> name, float(value)
-        ('strength', 9000.0)
+        >>> float(mpm.numbers_of(scene)["strength"])
+        9000.0
     """
-    numbers = declared(scene.material)
-    walls = {name: (name, getattr(scene.boundary, part)) for name, part in WALL_STRENGTH.items()}
+    walls = {name: getattr(scene.boundary, part) for name, part in WALL_STRENGTH.items()}
     return {
-        **{number.path: (number.path, number.value) for number in numbers.values()},
-        **{name: (number.path, number.value) for name, number in numbers.items()},
-        **{name: pair for name, pair in walls.items() if pair[1] is not None},
+        **{name: number.value for name, number in declared(scene.material).items()},
+        **{name: value for name, value in walls.items() if value is not None},
     }
 
 

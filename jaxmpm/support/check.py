@@ -406,7 +406,7 @@ def within_limits(tree: object) -> None:
         ValueError: If one is not.
     """
     for name, limit, value in parameters(tree):
-        within(name, value, limit)
+        within(getattr(limit, "name", "") or name, value, limit)
 
 
 def admissible(tree: object) -> Array:

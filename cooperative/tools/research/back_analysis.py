@@ -135,9 +135,8 @@ def predict(
     if unknown := sorted(parameters.factors.keys() - numbers.keys()):
         raise ValueError(f"{unknown} is no number of the scene: give some of {list(numbers)}")
     for name, factor in parameters.factors.items():
-        path, value = numbers[name]
         # Zones without a number have nan for it, and 0 times nan would be their part of its derivative.
-        values[path] = jnp.nan_to_num(values.get(path, value)) * jnp.exp(factor)
+        values[name] = jnp.nan_to_num(values.get(name, numbers[name])) * jnp.exp(factor)
     every = max(1, round(survey.seconds / float(scene.numerics.time_step) / survey.times))
     final, histories = varied_run(
         scene, state, values, every * survey.times, memory=memory, every=every,

@@ -101,7 +101,7 @@ def test_the_soil_is_the_solvers_with_its_fields_and_moves_as_in_python(law):
     in_law = np.deg2rad(value) if number.parameter.angle else value
     ended, expected = (
         mpm.solve(*start, t_end=0.2).state.displacement
-        for start in (model.of_sample(sample), mpm.with_soil(scene, state, **{number.path: jnp.asarray(in_law)}))
+        for start in (model.of_sample(sample), mpm.with_soil(scene, state, **{VARIES[law]: jnp.asarray(in_law)}))
     )
     assert abs(ended).max() > 1e-3
     np.testing.assert_allclose(ended, expected, rtol=0, atol=1e-5 * abs(ended).max())

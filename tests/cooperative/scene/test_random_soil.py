@@ -264,14 +264,14 @@ def test_softening_varies_in_the_measure_and_the_bands_of_the_law():
         assert [group.names for group in model.soil.groups] == [("strength", "residual_ratio"), ("softening_modulus",)]
         xi, law = drawn(model, 1)[0], model.scene.material.softening
         parameters, varied = model.parameters(xi), model.varied(xi)
-        assert set(varied) == {"strength", "softening.modulus", "softening.residual_ratio"}
-        assert np.std(varied["softening.modulus"]) > 0.1 * np.mean(varied["softening.modulus"])
+        assert set(varied) == {"strength", "softening_modulus", "residual_ratio"}
+        assert np.std(varied["softening_modulus"]) > 0.1 * np.mean(varied["softening_modulus"])
         np.testing.assert_allclose(
-            varied["softening.modulus"] / law.modulus, parameters["softening_modulus"] / 85e3, rtol=1e-5
+            varied["softening_modulus"] / law.modulus, parameters["softening_modulus"] / 85e3, rtol=1e-5
         )
-        assert np.array_equal(varied["softening.residual_ratio"], parameters["residual_ratio"])
+        assert np.array_equal(varied["residual_ratio"], parameters["residual_ratio"])
         scene, _ = model.of_sample(xi)
-        assert np.array_equal(scene.material.softening.modulus, varied["softening.modulus"])
+        assert np.array_equal(scene.material.softening.modulus, varied["softening_modulus"])
     fill = np.asarray(model.layer) == 0
     assert np.ptp(law.modulus) > 0
     assert np.all(np.asarray(law.modulus)[fill] == np.asarray(law.modulus).min())
@@ -335,10 +335,10 @@ def test_weaker_grids_divide_cohesion_and_the_tangent_of_friction():
     soft = model_of(SOFT)
     xi, weaker = drawn(soft, 1)[0], soft.with_strength_factor(0.8)
     before, after = soft.varied(xi), weaker.varied(xi)
-    np.testing.assert_allclose(after["softening.cohesion"], 0.8 * before["softening.cohesion"], rtol=1e-6)
-    tangents = (np.tan(each["softening.friction"]) for each in (after, before))
+    np.testing.assert_allclose(after["residual_cohesion"], 0.8 * before["residual_cohesion"], rtol=1e-6)
+    tangents = (np.tan(each["residual_friction"]) for each in (after, before))
     np.testing.assert_allclose(next(tangents), 0.8 * next(tangents), rtol=1e-5)
-    np.testing.assert_allclose(after["softening.strain"], before["softening.strain"], rtol=1e-6)
+    np.testing.assert_allclose(after["softening_strain"], before["softening_strain"], rtol=1e-6)
 
 
 def test_what_knows_undrained_strength_alone_says_so():

@@ -134,7 +134,7 @@ def test_names_reach_every_zone_that_has_them():
     scene, state = layered(FILL, CLAY, at_rest=False)
     sand, clay = scene.material.laws
     x = scene.particles.position[0]
-    varied, _ = mpm.with_soil(scene, state, strength=10e3 + x, **{"softening.modulus": 15e3}, tension_cutoff=500.0)
+    varied, _ = mpm.with_soil(scene, state, strength=10e3 + x, softening_modulus=15e3, tension_cutoff=500.0)
     count = scene.material.counts[0]
     np.testing.assert_allclose(varied.material.laws[1].strength, 10e3 + x[count:], rtol=1e-6)
     assert varied.material.laws[0].cohesion is sand.cohesion
@@ -153,7 +153,7 @@ def test_names_reach_every_zone_that_has_them():
     with pytest.raises(ValueError, match="strength = -1 Pa"):
         mpm.with_soil(scene, state, strength=-1.0)
     with pytest.raises(ValueError, match="snaps back"):
-        mpm.run.lanes(scene, **{"softening.modulus": jnp.asarray([10e3, 1e9])})
+        mpm.run.lanes(scene, softening_modulus=jnp.asarray([10e3, 1e9]))
     with pytest.raises(ValueError, match="dilation is up to 10 degrees above the friction"):
         mpm.run.lanes(
             scene, friction=jnp.radians(jnp.asarray([30.0, 20.0])), dilation=jnp.radians(jnp.asarray([5.0, 30]))

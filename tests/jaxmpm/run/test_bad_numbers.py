@@ -121,22 +121,23 @@ def test_softening_is_held_to_its_limits_at_each_particle(section):
     scene, state = section
     good = jnp.full_like(scene.particles.mass, 0.5)
     ratios = [good, good.at[3].set(NAN), good.at[2].set(1.5)]
-    results = dict(mpm.solve_each(scene, state, {"softening.residual_ratio": ratios}, width=3, t_end=0.02))
+    results = dict(mpm.solve_each(scene, state, {"residual_ratio": ratios}, width=3, t_end=0.02))
     assert [int(results[i].status) for i in range(3)] == [mpm.Status.FINISHED, BAD, BAD]
     with pytest.raises(ValueError, match=r"softening.residual_ratio = 1.5 at \[2\] .*: give a value from 0 to 1"):
-        mpm.with_soil(scene, state, **{"softening.residual_ratio": ratios[2]})
+        mpm.with_soil(scene, state, residual_ratio=ratios[2])
     with pytest.raises(ValueError, match=r"softening.residual_ratio = nan at \[1, 3\]"):
-        mpm.run.lanes(scene, **{"softening.residual_ratio": jnp.stack(ratios)})
-    with pytest.raises(
-        ValueError, match=r"\['softening.strain'\] is no parameter of J2: use some of .*softening.modul"
-    ):
-        mpm.with_soil(scene, state, **{"softening.strain": 0.1})
+        mpm.run.lanes(scene, residual_ratio=jnp.stack(ratios))
+    unknown = r"\['softening.modulus'\] is no parameter of J2: use some of .*'softening_modulus', 'residual_ratio'"
+    with pytest.raises(ValueError, match=unknown):
+        mpm.with_soil(scene, state, **{"softening.modulus": 1e4})
+    with pytest.raises(ValueError, match=r"^softening_modulus = -1"):
+        mpm.with_soil(scene, state, softening_modulus=-1.0)
 
 
 def test_soil_that_softening_would_harden_is_refused_and_ends_its_lane():
     sand = mpm.FrictionalSoil(5e3, 30.0, softening_strain=0.2, residual_cohesion=1e3, residual_friction=20.0)
     scene, state = mpm.slope(SHAPE, sand, NUMERICS, at_rest=False)
-    for name, value in (("softening.cohesion", 6e3), ("friction", np.radians(15.0))):
+    for name, value in (("residual_cohesion", 6e3), ("friction", np.radians(15.0))):
         with pytest.raises(ValueError, match="softening leaves more cohesion or friction than the peak has"):
             mpm.with_soil(scene, state, **{name: value})
         with pytest.raises(ValueError, match="softening leaves more"):

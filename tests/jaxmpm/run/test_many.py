@@ -17,7 +17,7 @@ SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
 CLAY = mpm.Soil(young=5e6, strength=9e3, softening_modulus=40e3, tension_cutoff=0.0)
 NUMERICS = mpm.Discretisation(1.0, (0.5, 0.5))
 VALUES = {"strength": [8e3, 4e3, 9e3, 5e3], "young": [5e6, 2e7, 2e6, 9e6], "unit_weight": [20e3, 18e3, 16e3, 22e3]}
-VALUES |= {"softening.modulus": [4e4, 1e4, 8e4, 2e4], "softening.residual_ratio": [0.5, 0.9, 0.4, 0.6]}
+VALUES |= {"softening_modulus": [4e4, 1e4, 8e4, 2e4], "residual_ratio": [0.5, 0.9, 0.4, 0.6]}
 LONGER = SlidesEnd(1.0, displacement=0.1, time=2.0)
 
 
@@ -28,7 +28,7 @@ def built(**soil):
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(
     "soil",
-    [{"young": 2e7}, {"poisson": 0.45, "young": 9e6}, {"unit_weight": 15e3}, {"bulk": 8e6}, {"softening.modulus": 3e4}],
+    [{"young": 2e7}, {"poisson": 0.45, "young": 9e6}, {"unit_weight": 15e3}, {"bulk": 8e6}, {"softening_modulus": 3e4}],
 )
 def test_other_soil_is_the_scene_built_with_it(soil):
     scene, state = built()

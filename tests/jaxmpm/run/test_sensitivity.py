@@ -45,7 +45,7 @@ def test_derivatives_by_every_number_of_every_law_are_those_of_differences(kind)
     numbers = {name: jnp.nan_to_num(each.value) for name, each in known.items()}
 
     def reached(values):
-        varied = with_parameters(scene.material, {known[name].path: each for name, each in values.items()})
+        varied = with_parameters(scene.material, values)
         return moving(mpm.replay(replace(scene, material=varied), state, 25)[0])
 
     slopes = [float(jnp.sum(numbers[name] * by[name])) for name in numbers]

@@ -72,7 +72,7 @@ def test_homogeneous_strength_and_softening_are_numbers():
     assert scene.material.strength.shape == ()
     uneven = mpm.with_soil(scene, state, strength=jnp.full_like(scene.particles.mass, 9e3))[0]
     modulus = jnp.full_like(scene.particles.mass, 40e3)
-    softer, _ = mpm.with_soil(scene, state, **{"softening.modulus": modulus})
+    softer, _ = mpm.with_soil(scene, state, softening_modulus=modulus)
     arrays = f"tensor<{scene.particles.mass.size}xf32>"
 
     def arguments(scene):

@@ -74,7 +74,7 @@ def test_its_derivative_is_that_of_differences(x64):
 
     @jax.jit
     def speed(duration):
-        given, _ = mpm.with_soil(scene, state, **{"loss.duration": duration})
+        given, _ = mpm.with_soil(scene, state, loss_time=duration)
         after = jax.lax.fori_loop(0, 150, lambda _, now: mpm.step(given, now, dt), state)
         return jnp.mean(after.velocity[0])
 

@@ -146,7 +146,7 @@ def field_of(scene):
                 given[name] = getattr(scene.boundary, name[5:]) * jnp.exp(0.1 * (a + b * at_nodes))
             else:
                 number = numbers[name]
-                given[number.path] = number.value * jnp.exp(0.02 * (a + b * x))
+                given[name] = number.value * jnp.exp(0.02 * (a + b * x))
         return given
 
     return values
@@ -208,7 +208,7 @@ def test_the_design_point_and_the_recovery_of_a_law_are_those_of_forward_runs(ki
     share = np.array([0.6, 0.8])
 
     def ran(log_factor):
-        varied, at = mpm.with_soil(scene, state, **{number.path: number.value * np.exp(log_factor)})
+        varied, at = mpm.with_soil(scene, state, **{OF_LAW[kind]: number.value * np.exp(log_factor)})
         varied, histories = replace(varied, numerics=scene.numerics), []
         for _ in range(survey.times):
             at = mpm.advance(varied, at, STEPS // survey.times)
@@ -222,7 +222,7 @@ def test_the_design_point_and_the_recovery_of_a_law_are_those_of_forward_runs(ki
     limit_state = slide_limit_state(
         scene,
         state,
-        lambda z: {number.path: number.value * jnp.exp(0.1 * (share @ z))},
+        lambda z: {OF_LAW[kind]: number.value * jnp.exp(0.1 * (share @ z))},
         seconds=STEPS * dt,
         displacement=displacement,
     )
