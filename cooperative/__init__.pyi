@@ -11,12 +11,12 @@ from .estimate import (
     monte_carlo,
     rank_samples,
 )
-from .exports import export, export_sample
+from .exports import export
 from .hazard import hazard_maps
 from .measure import consequences, failure_mode
 from .one_run import slide
 from .reporting import progress_of, report
-from .runs import build, coefficients_of, dask_executor, phases_of, random_soil, run_samples
+from .runs import build, coefficients_of, dask_executor, phases_of, random_soil
 from .scene import (
     Campaign,
     CampaignGrid,
@@ -58,7 +58,6 @@ __all__ = [
     "consequences",
     "dask_executor",
     "export",
-    "export_sample",
     "failure_mode",
     "hazard_maps",
     "monte_carlo",
@@ -72,6 +71,5 @@ __all__ = [
     "read_store",
     "report",
     "run",
-    "run_samples",
     "slide",
 ]

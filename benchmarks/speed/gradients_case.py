@@ -35,7 +35,7 @@ def measure(scene: str, engine: str | None, steps: int, memory: float, repeats: 
 
     forward, both = jax.jit(reached), jax.jit(jax.value_and_grad(reached))
     result: dict[str, Any] = {
-        "levels": list(mpm.checkpoints(built, state, steps, memory).levels),
+        "levels": list(mpm.run.checkpoints(built, state, steps, memory).levels),
         "particles": particles,
     }
     if repeats:

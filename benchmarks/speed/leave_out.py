@@ -241,7 +241,9 @@ def cost(scene: Scene, state: State) -> tuple[float, float]:
 
     def once(scene: Scene, state: State) -> tuple[State, Any]:
         columns = state.columns
-        return mpm.step(scene, state, scene.numerics.time_step), columns and mpm.passing(scene, state, columns.moved)
+        return mpm.step(scene, state, scene.numerics.time_step), columns and mpm.run.passing(
+            scene, state, columns.moved
+        )
 
     on_xla = replace(scene, numerics=replace(scene.numerics, engine=mpm.Engine.XLA))
     compiled = jax.jit(once).lower(on_xla, state).compile()

@@ -26,8 +26,8 @@ from cooperative.runs._model import GridModel
 from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import MOVING, SLIDES, FinishedRun, Scalar, stored_source
-from jaxmpm import Face, Result, Status, passing, solve_each
-from jaxmpm.run import Chunk, Hooks, Midway, Rule
+from jaxmpm import Face, Result, Status, solve_each
+from jaxmpm.run import Chunk, Hooks, Midway, Rule, passing
 
 GROUND = "column_ground"
 """Field of a slide: how far the ground of each column has moved (m), the largest displacement of what was its top."""

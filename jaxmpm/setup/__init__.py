@@ -17,7 +17,7 @@ from jaxmpm.setup._initial_stress import at_rest, overburden, settled
 from jaxmpm.setup._law import check_scene, check_shape, force_of_water, wave_speed, with_water_sealed
 from jaxmpm.setup._motion import pseudo_static, read_motion
 from jaxmpm.setup._scene import scene, unstressed, with_stress
-from jaxmpm.setup._vary import check_names, check_start, numbers_of, parameter_names, vary, with_soil, with_strength
+from jaxmpm.setup._vary import check_names, check_start, numbers_of, parameter_names, vary, with_soil
 
 __all__ = [
     "PADDING",
@@ -59,7 +59,6 @@ __all__ = [
     "vary",
     "wave_speed",
     "with_soil",
-    "with_strength",
     "with_stress",
     "with_water_sealed",
 ]

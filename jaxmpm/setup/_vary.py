@@ -16,7 +16,7 @@ from jaxmpm.protocols import Material
 from jaxmpm.setup._choices import WALL_STRENGTH, check_of_contact, check_weight_below_water
 from jaxmpm.setup._initial_stress import at_rest, overburden
 from jaxmpm.setup._law import check_scene, check_shape, wave_speed, with_water_sealed
-from jaxmpm.setup._scene import unstressed, with_stress
+from jaxmpm.setup._scene import with_stress
 from jaxmpm.soil import STANDARD_GRAVITY, moduli
 from jaxmpm.support import check
 from jaxmpm.support.tracing import at_once, host, on_host
@@ -72,22 +72,6 @@ def with_soil(scene: Scene, state: State, **values: ArrayLike) -> tuple[Scene, S
     if {"unit_weight", WATER_LEVEL} & values.keys():
         check_weight_below_water(varied)
     return varied, start
-
-
-def with_strength(scene: Scene, strength: ArrayLike) -> Scene:
-    """The scene of `with_soil` with another strength; it will leave the next version.
-
-    Args:
-        scene: with a law that has a strength.
-        strength: Pa, a number or one value per particle (N,).
-
-    Returns:
-        Scene.
-
-    Raises:
-        ValueError: As for `with_soil`.
-    """
-    return with_soil(scene, unstressed(scene), strength=strength)[0]
 
 
 def check_names(scene: Scene, names: Collection[str]) -> None:

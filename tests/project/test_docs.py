@@ -1,8 +1,12 @@
 """The README and the pages of docs/: they are short, their blocks run, their links and figures are there."""
 
+import re
+
 import pytest
 
+import cooperative
 import jaxmpm as mpm
+import kl
 from benchmarks.measure import ROOT
 from benchmarks.project import docs
 from cooperative import runs
@@ -20,6 +24,13 @@ def test_readme_opens_with_its_two_commands():
 def test_readme_is_short():
     assert docs.words("README.md") <= 700
     assert len(README.splitlines()) <= 110
+
+
+@pytest.mark.parametrize("package", [mpm, kl, cooperative], ids=lambda package: package.__name__)
+def test_a_line_says_what_would_be_missed_without_each_public_name(package):
+    _, _, section = docs.page("docs/api/names.md").partition(f"## {package.__name__}\n")
+    lines = re.findall(r"^\| `(\w+)` \| (\S.+) \|$", section.partition("\n## ")[0], re.MULTILINE)
+    assert [name for name, _ in lines] == sorted(package.__all__)
 
 
 @pytest.mark.parametrize("path", docs.pages())

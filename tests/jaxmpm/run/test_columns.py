@@ -51,7 +51,7 @@ def test_it_keeps_what_every_look_shows(slope):
     np.testing.assert_allclose(columns.arrival, first, rtol=1e-5)
     # The layer that a grain makes is below the threshold, that of a layer of particles above.
     assert 0.25 < columns.least < 0.5
-    last = mpm.passing(scene, states[-1], threshold)
+    last = mpm.run.passing(scene, states[-1], threshold)
     slid = np.linalg.norm(np.asarray(states[-1].displacement), axis=0) >= threshold
     volume = float(np.sum(np.asarray(scene.particles.volume)[slid]))
     assert float(jnp.sum(last.thickness)) * scene.grid.cell == pytest.approx(volume, rel=1e-5)
@@ -82,7 +82,7 @@ def test_columns_of_a_solid_lie_in_plan():
     assert mpm.run.column_shape(scene) == tuple(n - 1 for n in scene.grid.shape[:2])
     assert mpm.with_columns(scene, state).columns.arrival.shape == mpm.run.column_shape(scene)
     pushed = replace(state, displacement=state.displacement.at[1, 0].set(1.5))
-    thickness = mpm.passing(scene, pushed, 1.0).thickness
+    thickness = mpm.run.passing(scene, pushed, 1.0).thickness
     at = np.floor(np.asarray(scene.particles.position[:2, 0] + pushed.displacement[:2, 0]) - scene.grid.origin[:2])
     assert np.argwhere(np.asarray(thickness)).tolist() == [at.astype(int).tolist()]
     assert float(thickness.max()) == pytest.approx(0.125)
@@ -119,7 +119,7 @@ def test_soil_counts_as_far_as_it_is_above_the_surface_that_was_there(width):
 
     def volume(*shift):
         moved = np.where(level, np.array(shift)[[0, *([1] * (len(spacing) - 2)), 2], None], 0.0)
-        thickness = mpm.passing(scene, replace(state, displacement=jnp.asarray(moved, jnp.float32)), 1.0, surface)
+        thickness = mpm.run.passing(scene, replace(state, displacement=jnp.asarray(moved, jnp.float32)), 1.0, surface)
         return float(jnp.sum(thickness.thickness)) * scene.grid.cell ** (len(spacing) - 1)
 
     area = 6.0 * (width or 1.0)  # of the level ground from x = 6 m on
@@ -137,9 +137,9 @@ def test_a_slab_that_slides_along_its_slope_comes_over_none_of_it(slope):
     slab = (x > 16.0) & (x < 22.0) & (shape.heights(x) - z < 1.5)
     moved = np.where(slab, np.array([2.0, -1.0])[:, None], 0.0)
     pushed = replace(state, displacement=jnp.asarray(moved, jnp.float32))
-    assert float(mpm.passing(scene, pushed, 1.0).thickness.max()) > 1.0
+    assert float(mpm.run.passing(scene, pushed, 1.0).thickness.max()) > 1.0
     # Boxes of a lattice stick out of a slope by an eighth of a layer, whether they moved or not.
-    assert float(mpm.passing(scene, pushed, 1.0, surface).thickness.max()) < 0.26 * 0.5
+    assert float(mpm.run.passing(scene, pushed, 1.0, surface).thickness.max()) < 0.26 * 0.5
 
 
 def test_a_surface_of_another_shape_is_refused(slope):

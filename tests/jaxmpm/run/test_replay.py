@@ -132,14 +132,14 @@ def test_the_bytes_of_a_step_are_those_of_its_law_and_its_strains(soil, finite_s
         varied = replace(scene, material=replace(scene.material, bulk=scene.material.bulk * stiffer))
         return objectives.log_displacement(mpm.replay(varied, state, 8)[0])
 
-    predicted = mpm.checkpoints(scene, state, 8, 1e9).bytes
+    predicted = mpm.run.checkpoints(scene, state, 8, 1e9).bytes
     taken = jax.jit(jax.grad(reached)).lower(1.0).compile().memory_analysis().temp_size_in_bytes
     assert 0.6 * predicted < taken <= predicted
 
 
 def test_bytes_too_few_for_any_checkpoints_are_refused():
     with pytest.raises(ValueError, match="is too small for 400 steps"):
-        mpm.checkpoints(*slide(), 400, 1e4)
+        mpm.run.checkpoints(*slide(), 400, 1e4)
 
 
 def test_a_lane_that_broke_off_leaves_the_derivatives_of_its_neighbours_as_they_are():
