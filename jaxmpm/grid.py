@@ -53,7 +53,7 @@ class Grid:
         cell: edge of a cell (m); static.
         origin: position of node 0 (m); static.
         stored: number of nodes that a step stores, those near the soil; None for all; static.
-        near: which these are, as a step finds them; None before and where it stores all.
+        near: the stored nodes, which each step finds; None outside a step, and where it stores all.
     """
 
     shape: tuple[int, ...] = static()
@@ -81,6 +81,10 @@ class Grid:
         return self.nodes if self.near is None else self.near.node.shape[-1]
 
 
+Hold = Literal["fixed", "roller", "friction"]
+"""What a wall does to the nodes that it constrains."""
+
+
 @dataclass(frozen=True)
 class Wall:
     """A plane normal to one axis that constrains the nodes on it and beyond it.
@@ -96,7 +100,7 @@ class Wall:
     axis: int
     side: Literal["low", "high"]
     index: int
-    hold: Literal["fixed", "roller", "friction"]
+    hold: Hold
 
 
 @pytree

@@ -127,8 +127,8 @@ class Boundary:
             None if walls are all.
         softening: (2,) share of that friction and cohesion which slip leaves, and the slip (m) over which they fall to
             it; None for none.
-        softens: whether slip on one takes the strength of undrained soil as the strain of a layer of it would that is
-            as thick as shear bands; static.
+        softens: whether slip reduces the strength of a contact with undrained soil as shear strain softens that soil,
+            in a layer as thick as shear bands; static.
     """
 
     walls: Sequence[Wall] = static(default=())
@@ -141,6 +141,8 @@ class Boundary:
     softening: Numbers | None = None
     softens: bool = static(default=False)
 
+    AT_NODES: ClassVar[tuple[str, ...]] = ("friction", "cohesion", "pressure", "cut", "base")
+    """Fields with a number for all nodes or one for each."""
     PARAMETERS: ClassVar[Mapping[str, Limit]] = {
         "friction": from_zero(),
         "cohesion": from_zero("Pa"),
@@ -155,7 +157,7 @@ class Loads:
     """What acts on the particles of a scene.
 
     Args:
-        gravity: (d,) m/s2; where a user gives it to `jaxmpm.scene`, also a number, which acts downwards.
+        gravity: (d,) m/s2; `jaxmpm.scene` also takes a number, which acts downwards.
         body_force: (initial positions (d, N) m, time s) -> acceleration (d, N) m/s2 added to gravity; None for none;
             static.
         water: a `WaterTable` or `WaterSurface`; stress is then effective stress. The strength of undrained soil does

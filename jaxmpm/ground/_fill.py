@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxmpm.grid import Grid, Particles, Wall
+from jaxmpm.grid import Grid, Hold, Particles, Wall
 from jaxmpm.ground._base import Heights, share_above
 from jaxmpm.ground._ground import Ground, check_ground, layer_of
 from jaxmpm.ground._layer import Layer
@@ -19,7 +19,6 @@ from jaxmpm.setup import (
     PADDING,
     ROUNDING,
     Discretisation,
-    Hold,
     below,
     build,
     cells_up,

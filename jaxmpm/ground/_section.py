@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from jax import Array
 
+from jaxmpm.grid import Hold
 from jaxmpm.ground._base import boundary_of_base
 from jaxmpm.ground._boundaries import (
     TOUCHING,
@@ -37,7 +38,6 @@ from jaxmpm.laws import BaseMotion, WaterTable
 from jaxmpm.setup import (
     PADDING,
     Discretisation,
-    Hold,
     build,
     check_discretisation,
     end_walls,
@@ -272,7 +272,7 @@ def section(
 ) -> tuple[Scene, State]:
     """Build a section in plane strain, on a fixed base or one with an interface.
 
-    A lattice of particles fills it with those whose centres lie in the ground.
+    Particles of a lattice fill it, those whose centres lie in the ground.
 
     Args:
         shape: outline.
@@ -281,14 +281,14 @@ def section(
         gravity: downwards (m/s2).
         water: level or points (x, z) of the water table (m), a level pool where it is above the ground, see
             `WaterTable`.
-        r_u: instead, pore pressure over the weight of the soil above.
+        r_u: ratio of the pore pressure to the weight of the soil above, in place of `water`.
         k_h: pseudo-static acceleration over gravity, towards the toe, or the lower end of the surface without one.
         k_v: pseudo-static acceleration over gravity, upwards.
         motion: of the base, from time 0, after the initial stress; the section is solved in its frame.
-        ends: constraint of both ends. "left fixed" and "right fixed" leave the other on a roller. "tied" identifies
-            both ends, of ground as high at both: waves continue round without reflection at a wall, and a level layer
-            moves as a column of infinite ground. "free field" ends the section without walls where the ground is level:
-            dashpots join it to columns of level ground with the same layers and motion, and absorb waves, see
+        ends: constraint of both ends. "left fixed" and "right fixed" leave the other on a roller. "tied" joins
+            both ends, where the ground must be as high: a wave that leaves at one end enters at the other, and a level
+            layer moves as a column of infinite ground. "free field" ends the section without walls where the ground is
+            level: dashpots join it to columns of level ground with the same layers and motion, and absorb waves, see
             `FreeField`.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.
@@ -300,6 +300,14 @@ def section(
         ValueError: If a line turns back, crosses another or ends in the ground, a pool slopes, a layer is thinner than
             a particle, one of several layers has a parameter per particle, or sizes do not fit the grid; with
             coordinates.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil, grid = mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5, 0.5))
+        >>> outline = mpm.Section([(0, 4), (4, 4), (8, 1), (12, 1)])
+        >>> scene, state = mpm.section(outline, soil, grid, at_rest=False)
+        >>> float(scene.particles.volume.sum())  # m2
+        30.0
     """
     require_known({"shape": shape, "gravity": gravity, "k_h": k_h, "k_v": k_v, "speed": speed}, REMEDY)
     along, down = pseudo_static(gravity, k_h, k_v, 2)

@@ -1,6 +1,6 @@
 """Scene and State from particles, a law and numerical choices, all checked, with the initial stress."""
 
-from jaxmpm.setup._build import PADDING, ROUNDING, Hold, below, build, end_walls, material_on
+from jaxmpm.setup._build import PADDING, ROUNDING, below, build, end_walls, material_on
 from jaxmpm.setup._builders import bar, block, column
 from jaxmpm.setup._choices import WALL_STRENGTH
 from jaxmpm.setup._discretisation import (
@@ -25,7 +25,6 @@ __all__ = [
     "ROUNDING",
     "WALL_STRENGTH",
     "Discretisation",
-    "Hold",
     "at_rest",
     "bar",
     "below",

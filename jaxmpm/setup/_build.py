@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import jax
 import numpy as np
 
-from jaxmpm.grid import Grid, Particles, Wall
+from jaxmpm.grid import Grid, Hold, Particles, Wall
 from jaxmpm.laws import Zoned
 from jaxmpm.protocols import Material
 from jaxmpm.setup._discretisation import Discretisation
@@ -30,9 +29,6 @@ PADDING = 1
 
 ROUNDING = 1e-9
 """Share of a particle's height within rounding."""
-
-
-Hold = Literal["fixed", "roller", "friction"]
 
 
 def end_walls(axis: int, cells: int, hold: Hold, high: Hold | None = None) -> list[Wall]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, get_args
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxmpm.grid import Grid, Particles, Wall
+from jaxmpm.grid import Grid, Hold, Particles, Wall
 from jaxmpm.laws import WaterSurface, WaterTable, Zoned, in_total_stress
 from jaxmpm.protocols import Kernel, Material, PrescribedWater
 from jaxmpm.setup._law import force_of_water, in_total_stress_at
@@ -70,8 +70,8 @@ def check_boundary(boundary: Boundary, grid: Grid) -> None:
             raise ValueError(f"walls hold {wall!r}: give Wall(axis, side, index, hold)")
         if wall.axis not in range(grid.dimension) or wall.index not in range(grid.shape[wall.axis]):
             raise ValueError(f"{wall}: there is no such axis or node on a grid of {grid.shape} nodes")
-        if wall.side not in ("low", "high") or wall.hold not in ("fixed", "roller", "friction"):
-            raise ValueError(f"{wall}: side is 'low' or 'high', hold is 'fixed', 'roller' or 'friction'")
+        if wall.side not in ("low", "high") or wall.hold not in get_args(Hold):
+            raise ValueError(f"{wall}: side is 'low' or 'high', hold is one of {', '.join(get_args(Hold))}")
     if boundary.base is not None and any(wall.hold == "friction" for wall in walls):
         raise ValueError("walls of 'friction' with a base, whose area alone is known: give one of them")
     rough = boundary.base is not None or any(wall.hold == "friction" for wall in walls)

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, host
-from jaxmpm.transfer import AT_NODES, SPARE, can_follow, with_room
+from jaxmpm.transfer import SPARE, can_follow, with_room
 from jaxmpm.types import Scene, State
 
 SPARSE = 8
@@ -27,17 +27,17 @@ Values = TypeVar("Values")
 
 
 def follow_soil(scene: Scene, state: State | None = None) -> Scene:
-    """The scene with nodes stored near its soil alone, of which each step finds out where they are.
+    """The scene with nodes stored only near its soil; each step finds which these are.
 
-    Of each column along the last axis those from the lowest to the highest are stored that soil reaches. Answers are
-    those of a grid that stores all, to rounding. There is room for twice the nodes that soil reaches at the start, or
-    in a given state. `solve` and `solve_each` make more where a run needs more; elsewhere the lane then has the status
-    GRID_FULL. Grounds do this by themselves where the box has eight times as many nodes, and more than 5000.
+    In each column along the last axis a step stores the nodes from the lowest to the highest that soil reaches. Results
+    are those of a grid that stores all nodes, to rounding. There is room for twice the nodes that soil reaches at the
+    start, or in a given state. `solve` and `solve_each` make more room if a run needs it; elsewhere the lane then has
+    the status GRID_FULL. Grounds do this by themselves if the box has eight times as many nodes, and more than 5000.
 
     Args:
         scene: in two or three dimensions.
-        state: for whose soil there is to be room, such as the last of a run that `replay` takes again; None for the
-            start. Of several lanes, all have room.
+        state: whose soil needs the room, such as the last of a run that `replay` repeats; None for the start. With
+            several lanes there is room for each.
 
     Returns:
         Scene.
@@ -119,6 +119,6 @@ def under_sky(scene: Scene, height: float) -> Scene:
 
         return jax.tree.map(lambda leaf: of_leaf(leaf) if np.ndim(leaf) else leaf, values)
 
-    at_nodes = {name: raised(getattr(scene.boundary, name)) for name in AT_NODES}
+    at_nodes = {name: raised(getattr(scene.boundary, name)) for name in scene.boundary.AT_NODES}
     grid = replace(grid, shape=(*grid.shape[:-1], levels + more))
     return replace(scene, grid=grid, boundary=replace(scene.boundary, **at_nodes))

@@ -431,6 +431,13 @@ def overburden(scene: Scene) -> np.ndarray | Array:
 
     Raises:
         ValueError: If the particles' positions are traced, which tell the columns.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil, grid = mpm.Soil(unit_weight=20e3), mpm.Discretisation(cell=1.0, spacing=(0.5,))
+        >>> scene, _ = mpm.column(4.0, soil, grid)
+        >>> round(float(mpm.overburden(scene).max()))  # Pa, at 3.75 m below the surface
+        75000
     """
     where = scene.particles.position
     require_known(

@@ -212,7 +212,7 @@ def unstressed(scene: Scene, *, apic: bool = False) -> State:
 
 
 def with_stress(scene: Scene, state: State, stress: Array) -> State:
-    """The state at rest under a stress, which a law with memory of it has in its history.
+    """The state at rest under a stress, with the history that a law has under it.
 
     Args:
         scene: of the state.
@@ -223,7 +223,7 @@ def with_stress(scene: Scene, state: State, stress: Array) -> State:
         State.
 
     Raises:
-        ValueError: If a law of one's own takes the stress out of JAX.
+        ValueError: If a user's own law converts the stress to NumPy.
     """
     try:
         history = _history_at_rest(scene.material, state.history, stress, scene.grid.dimension)

@@ -4,7 +4,6 @@ from jaxmpm.transfer._affine import momentum, nodal_momentum, velocity_gradient
 from jaxmpm.transfer._averages import band_thickness, filtered, length_of_band, passes_for, thickness_on, within_cells
 from jaxmpm.transfer._cells import cell_sums
 from jaxmpm.transfer._near import (
-    AT_NODES,
     SPARE,
     along,
     at_rows,
@@ -28,7 +27,6 @@ from jaxmpm.transfer.native.cuda import fault as cuda_fault
 from jaxmpm.transfer.native.cuda import library as cuda_library
 
 __all__ = [
-    "AT_NODES",
     "GIMP",
     "SPARE",
     "Linear",

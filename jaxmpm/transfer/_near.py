@@ -33,9 +33,6 @@ from jaxmpm.types import Engine, Scene
 SPARE = 2
 """Nodes stored over those that the soil needs, so that it seldom needs more."""
 
-AT_NODES = ("friction", "cohesion", "pressure", "cut", "base")
-"""Fields of a boundary that have a number for all nodes or one for each."""
-
 Values = TypeVar("Values")
 
 
@@ -165,7 +162,7 @@ def near_soil(scene: Scene, position: Array) -> Scene:
     def kept(values: Values) -> Values:
         return jax.tree.map(lambda leaf: of_stored(grid, leaf) if jnp.ndim(leaf) else leaf, values)
 
-    at_nodes = {name: kept(getattr(boundary, name)) for name in AT_NODES}
+    at_nodes = {name: kept(getattr(boundary, name)) for name in boundary.AT_NODES}
     return replace(scene, grid=grid, boundary=replace(boundary, **at_nodes))
 
 
