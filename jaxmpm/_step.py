@@ -37,10 +37,10 @@ from jaxmpm.types import Scene, Scheme, State, Status
 def step(scene: Scene, state: State, dt: Array) -> State:
     """Advance by one time step: the motion, the count of steps that gives the time, and the status.
 
-    It is pure, differentiable and vmappable. A lane that breaks off gets the reason as its status and keeps it,
-    whatever its motion, which then means nothing; so does one whose step is longer than an elastic wave takes through a
-    cell. `advance` stops a lane there, and checks the numbers of the scene beforehand. Columns that the state records
-    are looked at by `advance` alone.
+    It is pure and differentiable, and works under `jax.vmap`. The status of a lane that breaks off has the reason, and
+    keeps it; its other fields then have no meaning. A step longer than an elastic wave takes through a cell is such a
+    reason. `advance` stops a lane there, and checks the numbers of the scene beforehand. Only `advance` updates the
+    columns that a state records.
 
     Sources: Sulsky, Chen and Schreyer (1994), doi:10.1016/0045-7825(94)90112-0 (method); Bardenhagen (2002),
     doi:10.1006/jcph.2002.7103 (USF, USL); Sulsky, Zhou and Schreyer (1995), doi:10.1016/0010-4655(94)00170-7 (MUSL).

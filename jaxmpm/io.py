@@ -46,7 +46,9 @@ Fields = Mapping[str, np.ndarray]
 
 
 def save_state(path: str | Path, state: State, *, about: Mapping[str, object] | None = None) -> None:
-    """Write a restart point, whole or not at all: every leaf of a state bit for bit.
+    """Write every leaf of a state, bit for bit, to a restart file.
+
+    A write that fails leaves the previous file as it is, and no part of a new one.
 
     Args:
         path: file to write; an existing one is replaced.
@@ -54,7 +56,19 @@ def save_state(path: str | Path, state: State, *, about: Mapping[str, object] | 
         about: further values by name, numbers, texts or arrays; `load_state` returns them.
 
     Raises:
-        OSError: If the system refuses; a previous file stays.
+        OSError: If the system refuses.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> import jaxmpm as mpm
+        >>> soil, grid = mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5,))
+        >>> _, state = mpm.column(4.0, soil, grid)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "point.h5")
+        ...     mpm.save_state(path, state, about={"time": 0.0})
+        ...     again, about = mpm.load_state(path, like=state)
+        >>> bool((again.stress == state.stress).all()), float(about["time"])
+        (True, 0.0)
     """
 
     def fill(file: h5py.File) -> None:
@@ -69,7 +83,7 @@ def save_state(path: str | Path, state: State, *, about: Mapping[str, object] | 
 
 
 def load_state(path: str | Path, like: State) -> tuple[State, dict[str, Any]]:
-    """Read a restart point into a state built as another.
+    """Read a restart file into a state of the same structure as another.
 
     Args:
         path: file that `save_state` wrote.

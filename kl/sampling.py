@@ -85,6 +85,13 @@ def latin_hypercube(key: Array, n_samples: int, n_modes: int, *, rows: Rows | No
 
     Raises:
         ValueError: If a size is not a whole number above 0, or a row lies outside the design.
+
+    Example:
+        >>> import jax, kl
+        >>> from jax.scipy.stats import norm
+        >>> coefficients = kl.latin_hypercube(jax.random.key(0), 4, 2)
+        >>> sorted((4 * norm.cdf(coefficients[:, 0])).astype(int).tolist())  # one in each quarter
+        [0, 1, 2, 3]
     """
     return _stratified_rows(key, jnp.asarray(_numbers(n_samples, n_modes, rows)), n_samples, n_modes)
 

@@ -48,7 +48,7 @@ FLAT = 1e-6
 
 
 def read_line(path: str | Path, layer: str | None = None, *, outline: bool = True) -> list[list[float]]:
-    """Points of a line from a table of text or a DXF drawing.
+    r"""Points of a line from a table of text or a DXF drawing.
 
     A table has the columns x and z, in any order where headings name them: x is called x, distance, chainage or
     station, and z is called z, elevation, height, level or, beside x alone, y. Units in brackets or in a row below are
@@ -71,6 +71,15 @@ def read_line(path: str | Path, layer: str | None = None, *, outline: bool = Tru
     Raises:
         ValueError: If the file has no such line or several, is incomplete, or has columns, units or curves that are not
             known.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> import jaxmpm as mpm
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     table = pathlib.Path(folder, "line.csv")
+        ...     _ = table.write_text("x,z\nm,cm\n0,400\n5,150\n")
+        ...     mpm.read_line(table)
+        [[0.0, 4.0], [5.0, 1.5]]
     """
     path = Path(path)
     if path.suffix.lower() == ".dxf":

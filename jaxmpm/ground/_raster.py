@@ -192,7 +192,7 @@ class Raster:
 
 
 def read_raster(path: str | Path, *, band: int | None = None) -> Raster:
-    """Read heights from an ESRI ASCII grid, or from a GeoTIFF by `rasterio` (extra "terrain").
+    r"""Read heights from an ESRI ASCII grid, or from a GeoTIFF by `rasterio` (extra "terrain").
 
     NODATA in the file is nan in the raster; a terrain that needs such a height is refused with its position. A number
     that no ground has, or a usual code such as 0 far from all other heights, is taken for NODATA with a warning.
@@ -207,6 +207,16 @@ def read_raster(path: str | Path, *, band: int | None = None) -> Raster:
     Raises:
         ValueError: If the file is of another kind or incomplete, has other bands, steps differ along x and y, or it is
             in degrees, in feet or in a projection whose metres are none of the ground.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> import jaxmpm as mpm
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     grid = pathlib.Path(folder, "heights.asc")
+        ...     _ = grid.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\n7 3\n6 2\n")
+        ...     raster = mpm.read_raster(grid)
+        >>> raster.step, raster.heights.tolist()  # along x, then along y from south to north
+        (5.0, [[6.0, 7.0], [2.0, 3.0]])
     """
     path = Path(path)
     if path.suffix.lower() in (".tif", ".tiff"):

@@ -311,7 +311,7 @@ def terrain(
         k_v: pseudo-static acceleration over gravity, upwards.
         motion: of the base, from time 0, after the initial stress; the scene is solved in its frame.
         water: level (m) or heights of the water table, a pool where it lies above the ground, see `WaterSurface`.
-        r_u: instead, pore pressure over the weight of the soil above.
+        r_u: ratio of the pore pressure to the weight of the soil above, in place of `water`.
         ends: constraint of the four walls.
         speed: largest particle speed that the time step allows for (m/s), by default of a fall through half the height.
         at_rest: with the stress of elastic gravity loading, else free of stress.

@@ -123,13 +123,13 @@ def replay(
 ) -> tuple[State, Any]:
     """Take a number of steps, differentiable forward and in reverse.
 
-    The status of a lane that breaks off shows it (see `Status`), and its derivatives have no meaning; those of other
-    lanes under `jax.vmap(jax.grad(...))` are not affected. Mask after differentiating, not before.
+    The status of a lane says whether it broke off (see `Status`). The derivatives of such a lane have no meaning; those
+    of other lanes under `jax.vmap(jax.grad(...))` are not affected. Mask after differentiating, not before.
 
-    Where soil reaches more nodes than the scene stores, the run is taken again with more, unless it is traced: within
-    jit, vmap or a derivative the lane has the status GRID_FULL, and a warning says so.
+    If soil reaches more nodes than the scene stores, `replay` repeats the run with more nodes. Within jit, vmap or a
+    derivative it cannot: the lane then has the status GRID_FULL, and a warning says so.
 
-    It is compiled once for each number of steps and each `observe`, so give the same function at every call.
+    JAX compiles it once for each number of steps and each `observe`, so give the same function at every call.
 
     Args:
         scene: to run.

@@ -50,18 +50,18 @@ def with_columns(
 ) -> State:
     """Start a record of the soil over each column of cells, see `Columns`.
 
-    A look at the columns costs a few per cent of a step. Between two looks soil at v m/s moves v times `every` time
-    steps; a peak that lasts less than that is missed.
+    Each update of the record costs a few per cent of a step. Between two updates soil at v m/s moves v times `every`
+    time steps; the record misses a peak that lasts less than that.
 
     Args:
         scene: in two or three dimensions.
         state: of one lane.
         moved: displacement from which soil counts (m).
         least: mean thickness of soil from which a column counts as covered (m); by default 0.75 of a particle layer.
-        every: steps between two looks.
+        every: steps between two updates.
         surface: heights (m) of the ground before it moved at the nodes in plan, the grid's shape without its last axis.
-            Moved soil then counts as far as it is above, linear between nodes: what comes over the ground, without the
-            ground that moves below. None counts all moved soil.
+            Only the part of moved soil above these heights, linear between nodes, then counts, and not the ground
+            that moves below. None counts all moved soil.
 
     Returns:
         State with an empty record.

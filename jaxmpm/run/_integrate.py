@@ -96,9 +96,9 @@ def solve(
 ) -> Result:
     """Run for a time, or until every lane has ended.
 
-    A lane that had finished, settled or been decided in an earlier run goes on; one that broke off does not change.
-    Lanes that break off have it in their status, see `Result.raise_if_failed`; one of several lanes with an invalid
-    number gets BAD_PARAMETER.
+    A lane that finished, settled or was decided in an earlier run goes on; one that broke off does not change. The
+    status of a lane says whether it broke off, see `Result.raise_if_failed`. Of several lanes, one with an invalid
+    number has the status BAD_PARAMETER.
 
     Args:
         scene: to run.
@@ -108,7 +108,7 @@ def solve(
         rules: that end a lane before t_end: `Settle()`, `Exceeds(1.0)`, `jaxmpm.run.Early`, a `jaxmpm.run.Rule` of your
             own, or a function of one lane's scene and state that returns whether it ends, or its `Status`; the first
             that holds gives the status.
-        every: time between two looks at the rules (s).
+        every: time between two checks of the rules (s).
         axes: leaves of `scene` that have lanes as leading axis (see `lanes`); every leaf of `state` then has.
         progress: show a bar with the simulated time.
 

@@ -39,10 +39,10 @@ def solve_each(
     progress: bool = False,
     hooks: Hooks = NO_HOOKS,
 ) -> Iterator[tuple[int, Result]]:
-    """Run every sample and yield its result as it ends, not in order.
+    """Run every sample and yield each result when its sample ends, not in order.
 
-    Results depend neither on `width` nor on the samples that run beside. Where lanes run side by side, on a GPU, the
-    batch drops to a quarter of its lanes once the last samples fit in. A sample with a value that is not finite or
+    A result depends neither on `width` nor on the other samples. On a GPU, where lanes run in parallel, the batch
+    shrinks to a quarter of its lanes once the last samples fit into these. A sample with a value that is not finite or
     beyond its limit takes no step and ends as BAD_PARAMETER.
 
     Args:
@@ -58,9 +58,9 @@ def solve_each(
             on. Their motion before it, and all other samples, do not change.
         numbers: of the samples, drawn with them; by default 0, 1, 2, ...
         rules: as for `solve`.
-        every: time between two looks at the rules (s).
-        snapshots: times (s) for each of which a result has the state of the first look from then on, with its own
-            time; a sample that has ended has its last one.
+        every: time between two checks of the rules (s).
+        snapshots: times (s); for each a result has the state of the first check from then on, with the time of that
+            check. A sample that has ended has its last state.
         progress: show a bar with the samples that have ended.
         hooks: functions that are called on the host before a sample starts and after every chunk of steps.
 

@@ -27,11 +27,12 @@ def sensitivity(
     steps: int,
     memory: float = 2e9,
 ) -> tuple[Array, dict[str, Array]]:
-    """Value of an objective after a run, and its derivatives by numbers of the law and of contacts, place by place.
+    """Value of an objective after a run, and its derivatives by the law's numbers at each particle.
 
-    One reverse run gives all of them. Divided by a particle's volume a derivative does not depend on the number of
-    particles. The start is held: the stress at rest does not follow a stiffness here. It is compiled once for each
-    objective, set of parameters and number of steps.
+    One run in reverse mode gives all of them, and those by the strength of contacts at each node. A derivative divided
+    by the volume of its particle does not depend on the number of particles. The initial state is a constant: the
+    stress at rest does not change with the stiffness. JAX compiles it once for each objective, set of parameters and
+    number of steps.
 
     Args:
         scene: with a law of any kind.

@@ -131,7 +131,7 @@ class Exceeds(Rule):
 
 @dataclass(frozen=True)
 class Settle(Rule):
-    """Rule by which a lane has settled: for `hold` seconds it is slow and its largest displacement does not change.
+    """Rule that ends a lane, as SETTLED, once it is slow and its largest displacement constant for `hold` seconds.
 
     The seconds count from the end of a motion of the base, and of a loss of strength over time.
 

@@ -85,16 +85,16 @@ def factor_of_safety(
 ) -> FactorOfSafety:
     """Divide the strength by R and bisect the R at which the slope fails within t_end.
 
-    With the limit load the slope fails where displacement begins to grow with R, at the kink. If nothing softens, all
-    soil is given the stiffness of `limit_load_scene` for that, so that the answer depends on no Young's modulus. A
-    displacement criterion depends on the chosen metres if soil does not soften, since a perfectly plastic slope slides
-    a little and stands again. Soil with a B-value is drained, as it is until it fails.
+    With the criterion "limit load" the slope fails at the kink, where displacement begins to grow with R. If no soil
+    softens, all soil then has the stiffness of `limit_load_scene`, so that the answer does not depend on Young's
+    modulus. Without softening the answer of a displacement criterion depends on `failure_displacement`, since a
+    perfectly plastic slope slides a little and stands again. Soil with a B-value is drained, as it is until it fails.
 
     Args:
         scene: to run.
         state: at the start.
         failure_displacement: the slope fails if its largest displacement exceeds this (m), by default 1 m.
-        criterion: "limit load" instead.
+        criterion: "limit load" in place of `failure_displacement`.
         bracket: R that stands and R that fails.
         resolution: R is a multiple of it; by the limit load, distance of the runs beside the kink from it.
         t_end: duration (s); by the limit load, the longest one, of which three times sqrt(height / g) are used,
@@ -273,6 +273,13 @@ def reduced(scene: Scene, factor: float) -> Scene:
 
     Raises:
         ValueError: If the law has no strength, or the factor is not above 0.
+
+    Example:
+        >>> import jaxmpm as mpm
+        >>> soil, grid = mpm.Soil(young=5e6, strength=9e3), mpm.Discretisation(cell=1.0, spacing=(0.5,))
+        >>> scene, _ = mpm.column(4.0, soil, grid)
+        >>> float(mpm.reduced(scene, 1.5).material.strength)
+        6000.0
     """
     check.positive("factor", factor)
     by = jnp.asarray(factor, scene.particles.mass.dtype)

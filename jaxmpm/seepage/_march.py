@@ -199,10 +199,10 @@ def run(
     first_step: float | None = None,
     max_steps: int = 2000,
 ) -> Flow:
-    """Flow from an initial state on.
+    """Solve the flow from an initial state.
 
-    Steps are implicit. Their length keeps the error of each in water content below the tolerance; one that does not
-    converge is done anew with a shorter step. The steps meet the times, and those at which rain changes.
+    Steps are implicit. Their length keeps the error of each in water content below the tolerance. `run` repeats a step
+    that does not converge with a shorter one. Steps end at the times given, and at those at which rain changes.
 
     Args:
         problem: of flow.
@@ -210,7 +210,7 @@ def run(
         times: rising, above 0 or beginning with 0 (s).
         tolerance: error of a step in water content.
         first_step: to try (s); by default a ten-thousandth of the first interval.
-        max_steps: number of steps, those done anew included.
+        max_steps: largest number of steps, those repeated included.
 
     Returns:
         Flow, whose status says whether it reached the end. No error is raised: see `Flow.raise_if_failed`.
@@ -392,9 +392,9 @@ def _run(
 
 
 def replay(problem: Problem, initial: ArrayLike, durations: ArrayLike) -> Array:
-    """Flow in given steps: a function that may be differentiated by the numbers of the problem.
+    """Solve the flow in given steps; differentiable by the numbers of the problem.
 
-    Each step is differentiated by the theorem of implicit functions. Its length is a constant.
+    The derivative of each step is that of the implicit function theorem. The length of a step is a constant.
 
     Args:
         problem: of flow, whose numbers may be traced.

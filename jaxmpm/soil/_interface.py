@@ -22,9 +22,9 @@ class Interface:
         residual_ratio: share of tan(friction) and of cohesion that slip leaves; 1 without softening.
         slip_length: slip over which they fall to it, linearly (m); None without softening. Slip is the displacement
             from the start of the soil next to the base.
-        softens: whether slip takes the strength of undrained soil as the strain of a layer of it would that is as
-            thick as shear bands, a cell or the soil's `softening_length`: give it to a contact with the strength of
-            its soil.
+        softens: whether slip reduces the strength of a contact with undrained soil as shear strain softens that soil,
+            in a layer as thick as shear bands (a cell, or the soil's `softening_length`). Use it for a contact that
+            has the strength of its soil.
     """
 
     friction: float

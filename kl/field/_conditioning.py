@@ -101,6 +101,17 @@ def condition(
     Raises:
         ValueError: If data lie outside the box or two at the same point, a value is not finite, an error is negative,
             or the modes cannot distinguish data without error.
+
+    Example:
+        >>> import jax, kl, numpy as np
+        >>> lengths = (kl.SquaredExponential(20.0), kl.SquaredExponential(5.0))
+        >>> expansion = kl.expand(lengths, (0.0, 0.0), (40.0, 10.0))
+        >>> at = np.array([[10.0, 30.0], [5.0, 5.0]])  # two readings
+        >>> data = kl.condition(expansion, at, [1.5, -0.5])
+        >>> samples = kl.conditioned(data, kl.monte_carlo(jax.random.key(0), 8, expansion.modes))
+        >>> fields = kl.field_at(expansion, samples, at)
+        >>> bool(np.allclose(fields, [1.5, -0.5], atol=1e-2))
+        True
     """
     points, values = jnp.asarray(points), np.asarray(values, np.float64)
     require(

@@ -42,6 +42,14 @@ def field_on_lattice(
     Raises:
         ValueError: If the number of coefficients or axes does not fit, a coordinate lies outside the box, or the
             expansion has bedding.
+
+    Example:
+        >>> import jax, kl, numpy as np
+        >>> lengths = (kl.SquaredExponential(20.0), kl.SquaredExponential(5.0))
+        >>> expansion = kl.expand(lengths, (0.0, 0.0), (40.0, 10.0))
+        >>> coefficients = kl.monte_carlo(jax.random.key(0), 3, expansion.modes)
+        >>> kl.field_on_lattice(expansion, coefficients, (np.linspace(0, 40, 9), np.linspace(0, 10, 5))).shape
+        (3, 9, 5)
     """
     if expansion.bedding is not None:
         raise ValueError("an expansion with bedding is separable only along the strata: use `field_at`")

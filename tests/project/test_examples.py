@@ -1,33 +1,38 @@
-"""Examples in docstrings: the main public functions have one that runs, as by `pytest --doctest-modules` too."""
+"""Examples in docstrings run, as by `pytest --doctest-modules`, and the main public functions have one."""
 
 import doctest
+from importlib import import_module
 
 import pytest
 
-import cooperative
-import jaxmpm
-import kl
-from cooperative.tools.sweep_fragility import fit_fragility
+from tests import ROOT
+
+PATHS = [
+    path.relative_to(ROOT) for package in ("jaxmpm", "kl", "cooperative") for path in (ROOT / package).rglob("*.py")
+]
+MODULES = [".".join(path.with_suffix("").parts) for path in sorted(PATHS) if ">>> " in (ROOT / path).read_text("utf-8")]
+EXAMPLES = {
+    test.name: test
+    for module in MODULES
+    for test in doctest.DocTestFinder().find(import_module(module), module)
+    if test.examples
+}
 
 MAIN = (
-    *(jaxmpm.slope, jaxmpm.solve, jaxmpm.solve_each, jaxmpm.with_soil),
-    *(kl.expand, kl.field_at, kl.Lognormal),
-    *(
-        cooperative.estimate.wilson_interval,
-        cooperative.monte_carlo,
-        cooperative.rank_samples,
-        cooperative.estimate.two_phase,
-    ),
-    fit_fragility,
+    *("section", "slope", "read_line", "read_raster", "overburden", "with_soil", "numbers_of", "reduced"),
+    *("solve", "solve_each", "save_state"),
+    *("Lognormal", "expand", "field_at", "field_on_lattice", "captured_variance", "condition", "latin_hypercube"),
+    *("wilson_interval", "monte_carlo", "rank_samples", "two_phase", "fit_fragility"),
 )
 
 
-@pytest.mark.parametrize("thing", MAIN, ids=lambda thing: f"{thing.__module__}.{thing.__name__}")
-def test_a_main_function_has_an_example_that_runs(thing):
-    examples = [test for test in doctest.DocTestFinder(recurse=False).find(thing, thing.__name__) if test.examples]
-    assert examples
+def test_the_main_functions_have_an_example():
+    assert not {*MAIN} - {name.rpartition(".")[2] for name in EXAMPLES}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_runs(name):
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
-    said = []
-    for test in examples:
-        runner.run(test, out=said.append)
+    said: list[str] = []
+    runner.run(EXAMPLES[name], out=said.append)
     assert not runner.failures, "".join(said)
