@@ -179,7 +179,7 @@ def _checked_zones(material: Zoned, particles: Particles, dtype: np.dtype) -> Zo
             "law's particles, 1 or more, together all of them"
         )
     zones = ((law, taken(particles, zone)) for law, zone in material.zones)
-    return replace(material, laws=tuple(checked_material(law, own, dtype) for law, own in zones))
+    return replace(material, laws=tuple(checked_material(law, zone_particles, dtype) for law, zone_particles in zones))
 
 
 def in_total_stress_at(material: Zoned) -> np.ndarray:
