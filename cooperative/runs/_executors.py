@@ -28,11 +28,12 @@ import numpy as np
 
 from cooperative.runs._built import build
 from cooperative.runs._model import GridModel
-from cooperative.runs._processes import ATTEMPTS, P, T, WorkerLost, stop_wanted
+from cooperative.runs._processes import ATTEMPTS, P, T, WorkerLost
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._samples import run_samples
 from cooperative.scene import Campaign
 from cooperative.store import FinishedRun
+from cooperative.worker import stop_wanted
 from jaxmpm.run import Rule
 from jaxmpm.support.pytrees import PYTREES, pytree
 from jaxmpm.support.values import by_value

@@ -13,7 +13,6 @@ import os
 import pickle
 import signal
 import threading
-import traceback
 import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -25,6 +24,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from cooperative.runs._compiled import VARIABLE, keep_compiled
 from cooperative.runs._flags import set_flags
+from cooperative.worker import work
 
 ATTEMPTS = 3
 """How often in turn a worker may end before it has started, and how often a sample alone may end its worker."""
@@ -153,7 +153,8 @@ class Processes(Executor):
 
     def _begin(self, cores: list[int]) -> None:
         here, there = self.context.Pipe()
-        process = self.context.Process(target=_work, args=(there, self.ending, cores), daemon=True, name=NAME)
+        begin = pickle.dumps((_begin, (cores,), {}))
+        process = self.context.Process(target=work, args=(there, self.ending, begin), daemon=True, name=NAME)
         try:
             process.start()
         except OSError as error:
@@ -261,30 +262,8 @@ def _shares(workers: int) -> list[list[int]]:
     return [cores[first : first + share] for first in firsts]
 
 
-_stop_wanted = threading.Event()
-
-
-def stop_wanted() -> bool:
-    """In a worker: whether its controller wants it to come to an end."""
-    return _stop_wanted.is_set()
-
-
-def _work(pipe: connection.Connection, ending: connection.Connection, cores: list[int]) -> None:
-    """What a worker does: one task after the other, until its controller closes the pipe."""
-    _begin(ending, cores)
-    try:
-        pipe.send(None)
-        while True:
-            task = pipe.recv_bytes()
-            pipe.send(None)
-            pipe.send_bytes(_outcome(task))
-    except (EOFError, OSError):
-        return
-
-
-def _begin(ending: connection.Connection, cores: list[int]) -> None:
-    """Take a share of the cores, and watch."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _begin(cores: list[int]) -> None:
+    """What a worker does first: it takes a share of the cores, and the settings of its controller."""
     if VARIABLE in os.environ:
         keep_compiled()
     # The controller has warned of transfers that run on XLA, and of settings without effect.
@@ -294,31 +273,3 @@ def _begin(ending: connection.Connection, cores: list[int]) -> None:
         set_flags()
     if cores:
         os.sched_setaffinity(0, cores)
-    threading.Thread(target=_watch, args=(ending,), daemon=True).start()
-
-
-def _outcome(task: bytes) -> bytes:
-    """Whether a task went well, and its result, or the error that it ended with."""
-    try:
-        function, args, kwargs = pickle.loads(task)
-        return pickle.dumps((True, function(*args, **kwargs)))
-    except BaseException as error:
-        error.add_note(traceback.format_exc())
-        try:
-            return pickle.dumps((False, error))
-        except Exception:  # an error that cannot be sent
-            return pickle.dumps((False, RuntimeError(traceback.format_exc())))
-
-
-def _watch(ending: connection.Connection) -> None:
-    """Stop the run when the controller wants that, and end the process once the controller is gone.
-
-    It ends even inside a compiled program. A controller that dies closes its pipe too, whatever it died of.
-    """
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-    connection.wait([parent.sentinel, ending])
-    _stop_wanted.set()
-    connection.wait([parent.sentinel])
-    os._exit(1)

@@ -20,8 +20,8 @@ ROOMS = {
     ),
     "kl": "_values _checks types axis marginal sampling field estimation soil gstools plots",
     "cooperative": (
-        "names estimate store measure laboratory example_scenes scene runs summary folder hazard campaign exports "
-        "reporting one_run doctor tools"
+        "names worker estimate store measure laboratory example_scenes scene runs summary folder hazard campaign "
+        "exports reporting one_run doctor tools"
     ),
 }
 ENTRANCES = {"cooperative": {"__main__", "_arguments", "_commands"}}

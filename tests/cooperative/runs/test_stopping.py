@@ -13,10 +13,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.robustness.invented import SCENE
-from cooperative import campaign
+from cooperative import campaign, worker
 from cooperative.__main__ import main
 from cooperative.runs import Stopped, process_pool, stop_by_signals
-from cooperative.runs import _processes as processes
 from cooperative.store import read_rows, read_store
 from tests import ROOT
 
@@ -161,8 +160,36 @@ def test_no_worker_outlives_its_controller(number):
     assert all(ended(worker) for worker in workers)
 
 
+LOADING = """
+    import multiprocessing, pickle, time
+    from cooperative.worker import work
+    if __name__ == "__main__":
+        context = multiprocessing.get_context("spawn")
+        (_, there), (ending, _) = context.Pipe(), context.Pipe(duplex=False)
+        begin = pickle.dumps((time.sleep, (1000,), {}))
+        worker = context.Process(target=work, args=(there, ending, begin))
+        worker.start()
+        print(worker.pid, flush=True)
+        worker.join()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes by /proc")
+def test_no_worker_outlives_its_controller_while_its_libraries_load():
+    with controller(LOADING) as process:
+        worker = int(process.stdout.readline())
+        process.kill()
+        process.communicate(timeout=120)
+    assert ended(worker)
+
+
+def test_a_worker_watches_before_it_loads_a_library():
+    code = "import sys, cooperative.worker; print({'jax', 'numpy', 'scipy'} & sys.modules.keys())"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT).strip() == "set()"
+
+
 def wait_for_stop():
-    return processes._stop_wanted.wait(300)
+    return worker._stop_wanted.wait(300)
 
 
 @pytest.mark.slow
