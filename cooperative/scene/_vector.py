@@ -320,6 +320,8 @@ def _geojson(path: Path, data: bytes) -> _Layer:
     try:
         content = json.loads(data)
         kind = content.get("type")
+        if kind not in ("FeatureCollection", "Feature", *KINDS):
+            raise ValueError(f"its type is {shown(kind)}")
         features = content["features"] if kind == "FeatureCollection" else [content]
         features = [{"geometry": feature} if feature.get("type") in KINDS else feature for feature in features]
         rows = [
@@ -333,7 +335,7 @@ def _geojson(path: Path, data: bytes) -> _Layer:
     if name is None:
         # By RFC 7946 coordinates are degrees.
         points = shapely.get_coordinates([shape for _, shape in rows])
-        if not (np.abs(points) > WEST).any():
+        if len(points) and not (np.abs(points) > WEST).any():
             raise Invalid(
                 (),
                 str(path),

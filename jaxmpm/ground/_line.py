@@ -162,7 +162,7 @@ def _read_drawing(path: Path, layer: str | None, outline: bool) -> np.ndarray:
             "and set its units to metres"
         )
     space = drawing.modelspace()
-    lines, others = list(space.query("LWPOLYLINE POLYLINE LINE")), list(space.query("INSERT SPLINE ARC ELLIPSE"))
+    lines, others = list(space.query("LWPOLYLINE POLYLINE LINE")), list(space.query("INSERT SPLINE ARC ELLIPSE MLINE"))
     if layer is not None:
         named = [line for line in lines if line.dxf.layer.lower() == layer.lower()]
         if not named:

@@ -325,8 +325,8 @@ def _square(path: Path, dx: float, dy: float | None, count: float) -> float:
 
 def _beside(path: Path) -> str | None:
     """The projection in a file beside a grid, if there is one; ValueError for one that is not in metres."""
-    beside = path.with_suffix(".prj")
-    if not beside.is_file():
+    beside = next(filter(Path.is_file, map(path.with_suffix, (".prj", ".PRJ"))), None)
+    if beside is None:
         return None
     where = f"{path} ({beside.name})"
     text = decoded(beside, files.read_given(beside, MOST_PROJECTION)).strip()

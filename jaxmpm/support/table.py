@@ -34,17 +34,21 @@ _MARKS = (
     (b"\xff\xfe", "utf-16"),
     (b"\xfe\xff", "utf-16"),
 )
+_SAVE = "save the sheet as CSV and give that file"
 _OTHERS = (
-    (b"PK\x03\x04", "a workbook of a spreadsheet"),
-    (b"\xd0\xcf\x11\xe0", "an old workbook of Excel"),
-    (b"%PDF", "a PDF"),
+    (b"PK\x03\x04", "a workbook of a spreadsheet", _SAVE),
+    (b"\xd0\xcf\x11\xe0", "an old workbook of Excel", _SAVE),
+    (b"%PDF", "a PDF", _SAVE),
+    (b"AC10", "a drawing of AutoCAD", "save it as DXF and give that file"),
 )
-"""First bytes of files that spreadsheets write, and what they are."""
+"""First bytes of files that other programs write, what they are, and the remedy."""
 _COMMENT = ("#", "%", "//", "!")
 """Beginnings of a line that is a comment."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?(?:\d*),\d+(?:[eEdD][-+]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}", re.ASCII)
+_PARTED = re.compile(r"[-+]?[1-9]\d{0,2}(?:[ '’\u00a0\u2009\u202f]\d{3})+(?:[.,]\d+)?", re.ASCII)
+"""A number whose thousands a blank or an apostrophe marks."""
 _TWO_NUMBERS = re.compile(r"[-+.\d][-+.\deE]*\s+[-+.\d][-+.\deE]*", re.ASCII)
 _UNIT = re.compile(r"\s*([^\[(]*?)\s*[\[(]([^\])]*)[\])]\s*")
 _SAMPLE = 200
@@ -123,9 +127,9 @@ def decoded(path: str | Path, data: bytes) -> str:
     Raises:
         ValueError: If it is no text.
     """
-    what = next((what for mark, what in _OTHERS if data.startswith(mark)), None)
-    if what is not None:
-        raise ValueError(f"{path} is {what}, no text: save the sheet as CSV and give that file")
+    for mark, what, remedy in _OTHERS:
+        if data.startswith(mark):
+            raise ValueError(f"{path} is {what}, no text: {remedy}")
     encodings = [name for mark, name in _MARKS if data.startswith(mark)][:1] or [*_unmarked(data), "utf-8", "cp1252"]
     text = None
     for encoding in encodings:
@@ -332,8 +336,13 @@ def _is_units(rows: Sequence[Sequence[str]]) -> bool:
 
 
 def _decimals(path: Path, rows: Iterable[list[str]]) -> None:
-    """Give the decimals of all cells a point; ValueError where it is not clear what a comma is."""
+    """Give the decimals of all cells a point, and take out blanks and apostrophes that mark thousands.
+
+    Raises ValueError where it is not clear what a comma is.
+    """
     rows = list(rows)
+    for row in rows:
+        row[:] = [re.sub(r"[^-+\d.,]", "", cell) if _PARTED.fullmatch(cell) else cell for cell in row]
     commas = [cell for row in rows for cell in row if "," in cell and _DECIMAL_COMMA.fullmatch(cell)]
     if not commas:
         return

@@ -35,8 +35,11 @@ USUAL = {
     "friction_ratio": ("share", "%"), **dict.fromkeys(("cone", "total", "sleeve", "pore"), ("stress", "MPa")),
 }  # fmt: skip
 """Quantity of each column, and its unit where a file has none."""
-SYSTEMS = {"31000": "EPSG:28992", "32000": "EPSG:31370", "49000": "EPSG:31467"}
-"""Coordinate systems by their code in GEF; other codes are compared as they are."""
+SYSTEMS = {
+    "31000": "EPSG:28992", "32000": "EPSG:31370", "49000": "EPSG:31467",
+    **{code: f"EPSG:{code}" for code in ("28992", "31370", "31467")},
+}  # fmt: skip
+"""Coordinate systems by their code in GEF, or the EPSG's in its place; other codes are compared as they are."""
 HEIGHTS = {"31000": "NAP", "32000": "Ostend level", "32001": "TAW", "49000": "mean sea level"}
 """Datums of elevation likewise."""
 GEOGRAPHIC = {"EPSG:4258", "EPSG:4326", "EPSG:4289", "EPSG:4937", "EPSG:4979", "EPSG:4269"}
@@ -83,18 +86,35 @@ def read_gef(path: Path) -> list[SoundingRecord]:
         values = numbers(f"{path}: {name}", cells, declared.get(place, math.nan)) * scale
         # Some instruments count penetration downwards as negative.
         columns[name] = np.abs(values) if name in ("length", "depth") else values
-    variables = {row[0]: row[1] for row in headers.get("MEASUREMENTVAR", ()) if len(row) > 1}
+    variables = {row[0]: row[1:] for row in headers.get("MEASUREMENTVAR", ()) if len(row) > 1}
     system, *position = (*headers.get("XYID", [[]])[0], "", "", "")[:3]
-    datum, top = (*headers.get("ZID", [[]])[0], "", "")[:2]
+    datum, ground = (*headers.get("ZID", [[]])[0], "", "")[:2]
+    top = one_number(ground)
+    water, predrilled = (
+        _gef_depth(f"{path}: {what}", variables.get(key, []), top)
+        for key, what in (("14", "water table"), ("13", "pre-drilled depth"))
+    )
     return [
         SoundingRecord(
             file=str(path), name=_value(headers, "TESTID", 0) or path.stem, columns=columns,
-            x=one_number(position[0]), y=one_number(position[1]), top=one_number(top),
+            x=one_number(position[0]), y=one_number(position[1]), top=top,
             datum=HEIGHTS.get(datum, f"GEF {datum}") if datum.strip("0") else None,
-            projection=_gef_system(path, system), area_ratio=one_number(variables.get("3")),
-            water=one_number(variables.get("14")), predrilled=one_number(variables.get("13")),
+            projection=_gef_system(path, system), area_ratio=one_number(variables.get("3", [""])[0]),
+            water=water, predrilled=predrilled,
         )
     ]  # fmt: skip
+
+
+def _gef_depth(where: str, variable: Sequence[str], top: float) -> float:
+    """Depth (m) that a header gives with its unit; of an elevation, as in "m NAP", that below the surface at `top`."""
+    number_of, unit = ((cell or "").strip().lower() for cell in (*variable, "", "")[:2])
+    value = one_number(number_of)
+    if math.isnan(value):
+        return value
+    elevation = re.fullmatch(r"([a-z]+?)[ +.-]*(?:t\.?o\.?v\.?)?[ +]*(?:nap|taw|mtaw|dnn|nhn)", unit)
+    length = elevation[1] if elevation else re.findall(r"^[a-z]*", unit)[0]
+    value *= in_si(where, length or "m", "length")
+    return top - value if elevation else value
 
 
 def _value(headers: Headers, key: str, place: int) -> str | None:
@@ -108,12 +128,15 @@ def _separator(text: str, key: str) -> str | None:
 
 
 def _gef_rows(body: str, of_records: str | None, of_columns: str | None) -> list[list[str]]:
-    """Cells of each record."""
+    """Cells of each record, with a point in decimals; many files part columns by what they do not declare."""
     records = body.split(of_records) if of_records else body.splitlines()
-    lines = [" ".join(record.split()) for record in records]
-    return [
-        [cell.strip() for cell in (line.split(of_columns) if of_columns else line.split())] for line in lines if line
-    ]
+    lines = [line for line in (" ".join(record.split()) for record in records) if line]
+    if of_columns is None:
+        lines = [line.rstrip(" ;,|!") for line in lines]
+        marks = ";|," if any("," in line and "." in line for line in lines) else ";|"
+        of_columns = next((mark for mark in marks if any(mark in line for line in lines)), None)
+    decimal = "." if of_columns == "," else ","
+    return [[cell.strip().replace(decimal, ".") for cell in line.split(of_columns)] for line in lines]
 
 
 def _gef_system(path: Path, code: str) -> str | None:

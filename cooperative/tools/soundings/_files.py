@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -155,13 +156,16 @@ def _ags(path: Path, units: Mapping[str, str]) -> Contents:
         raise ValueError(f"{path}: this is AGS3, whose groups begin with **: convert it to AGS4, which has GROUP lines")
     ags4 = extra("python_ags4.AGS4", f"{path} needs python-AGS4, which is not installed", "'jaxmpm[site]'")
     try:
-        tables, _ = ags4.AGS4_to_dict(StringIO(text))
+        with redirect_stdout(StringIO()):  # where it prints its errors too
+            tables, _ = ags4.AGS4_to_dict(StringIO(text))
     except Exception as error:  # python-AGS4 raises whatever its parsers do
         raise ValueError(f"{path} is no AGS4 that python-AGS4 reads: {' '.join(str(error).split())[:200]}") from error
     groups = {name: _ags_rows(table) for name, table in tables.items()}
     if "LOCA" not in groups:
         raise ValueError(f"{path} has no group LOCA of locations: export it with LOCA, and SCPT for soundings")
     for name in {"LOCA", "SCPT", "SCPG", "TRIT", "IVAN", "LVAN"} & groups.keys():
+        if not groups[name][0]:
+            raise ValueError(f"{path}: its group {name} has no row UNIT, without which its numbers are none: add it")
         if "LOCA_ID" not in groups[name][0]:
             raise ValueError(f"{path}: its group {name} has no heading LOCA_ID, which tells its place: export it anew")
     places = _ags_places(path, groups["LOCA"])
@@ -221,7 +225,9 @@ def _ags_places(path: Path, group: Group) -> dict[str, Place]:
 def _ags_soundings(path: Path, groups: Mapping[str, Group], places: Mapping[str, Place]) -> Iterator[SoundingRecord]:
     if "SCPT" not in groups:
         return
-    rows, none = groups["SCPT"][1], Place()
+    rows = groups["SCPT"][1]
+    if lost := [name for name in dict.fromkeys(row["LOCA_ID"] for row in rows) if name not in places]:
+        raise ValueError(f"{path}: SCPT has readings at {shown(lost[0])}, which LOCA lacks: export both anew")
     table = {
         name: _ags_column(path, groups["SCPT"], f"SCPT_{heading}", quantity)
         for name, heading, quantity in (
@@ -239,7 +245,7 @@ def _ags_soundings(path: Path, groups: Mapping[str, Group], places: Mapping[str,
     )
     names = np.array([row["LOCA_ID"] for row in rows])
     for name in dict.fromkeys(names.tolist()):
-        place = places.get(name, none)
+        place = places[name]
         waters = [depth for (borehole, _), depth in water.items() if borehole == name and math.isfinite(depth)]
         yield SoundingRecord(
             file=str(path), name=name, columns={key: values[names == name] for key, values in table.items()},

@@ -20,6 +20,10 @@ STEEPEST = 45.0
 """Inclination (degrees) of a cone that no sounding reaches."""
 LARGEST_CONE = 150e6
 """Cone resistance (Pa) that no cone bears: a number above it is in another unit."""
+MOST_OF_CONE = {"sleeve": ("sleeve friction", 0.5), "pore": ("pore pressure", 5.0)}
+"""Share of the cone resistance above which the median of a column is in another unit."""
+LEAST_SLEEVE = 1e-4
+"""Share of the cone resistance below which the median sleeve friction is in another unit."""
 LONGEST_NAME = 60
 """Characters of a sounding's name, which goes to terminals, figures and comments of a scene."""
 LARGEST_DEPTH = 200.0
@@ -244,7 +248,21 @@ def checked(sounding: Sounding) -> Sounding:
             f"{where} has cone resistances with a median of {np.median(cone):.3g} Pa and up to {cone.max():.3g} Pa; "
             f"soil has 5e3 Pa to {LARGEST_CONE:g} Pa: give the right unit, such as qc [kPa] in the header"
         )
+    _check_shares(where, columns)
     return replace(sounding, **cast(dict[str, Any], columns))
+
+
+def _check_shares(where: str, columns: Mapping[str, Values]) -> None:
+    """Raise ValueError for sleeve frictions or pore pressures that are none beside the cone resistance."""
+    for name, (what, most) in MOST_OF_CONE.items():
+        shares = np.abs(columns[name] / columns["cone"])
+        median = float(np.median(shares[np.isfinite(shares)])) if np.isfinite(shares).any() else math.nan
+        if median > most or (name == "sleeve" and median < LEAST_SLEEVE):
+            least = f"{LEAST_SLEEVE:g} to " if name == "sleeve" else "up to "
+            raise ValueError(
+                f"{where} has a {what} of {median:.3g} times its cone resistance in the median; soil has {least}"
+                f"{most:g}: give the right units of both, such as [kPa] in the header"
+            )
 
 
 def _averaged(columns: Mapping[str, Values]) -> dict[str, Values]:

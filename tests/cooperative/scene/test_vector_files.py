@@ -245,6 +245,22 @@ def test_a_geojson_without_a_coordinate_system_is_in_degrees_unless_it_cannot_be
         read_features(path, None)
 
 
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ({"type": "FeatureCollection", "features": []}, "has no features"),
+        ({"type": "Topology", "objects": {}}, "its type is 'Topology'"),
+        ({"type": "GeometryCollection", "geometries": []}, "its type is 'GeometryCollection'"),
+        ({"features": []}, "its type is None"),
+    ],
+)
+def test_a_json_without_lines_and_polygons_is_refused_by_that(tmp_path, content, reason):
+    path = tmp_path / "h.geojson"
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=reason):
+        read_features(path, None)
+
+
 def test_a_geopackage_that_is_open_elsewhere_is_refused_and_one_that_was_is_read(package):
     write(package, {"risk": [("house", HOUSE)]})
     data = package.read_bytes()

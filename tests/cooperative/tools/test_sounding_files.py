@@ -416,3 +416,73 @@ def test_one_coordinate_system_may_have_several_names(tmp_path):
         named.write_text(table.format(name, first.x + 30, first.y))
         with pytest.raises(ValueError, match=f"positions in EPSG:28992 and .* in {name}: convert them to one"):
             read_files([coded, named])
+
+
+@pytest.mark.parametrize(
+    ("variable", "water"),
+    [
+        ("14, 1.5, m, water", 1.5), ("14, 150, cm, water", 1.5), ("14, 1.5, m-mv, water", 1.5),
+        ("14, 0.5, m NAP, level", 1.5), ("14, 50, cm+NAP, level", 1.5), ("14, -9999, m NAP, level", None),
+    ],
+)  # fmt: skip
+def test_numbers_in_the_head_of_a_gef_have_the_unit_that_it_states(tmp_path, variable, water):
+    path = as_gef(tmp_path / "a.gef", log(), top="2.0")
+    path.write_text(
+        path.read_text().replace("#EOH=", f"#MEASUREMENTVAR= {variable}\n#MEASUREMENTVAR= 13, 100, cm\n#EOH=")
+    )
+    with pytest.warns(UserWarning, match="4 readings above the pre-drilled depth of 1 m"):
+        (sounding,), _ = read_files([path])
+    assert (sounding.water is None) if water is None else np.isclose(sounding.water, water)
+    assert sounding.depth[0] >= 1.0 - 1e-9
+
+
+def test_a_gef_with_an_unknown_unit_of_its_water_is_refused_by_it(tmp_path):
+    path = as_gef(tmp_path / "a.gef", log())
+    path.write_text(path.read_text().replace("#EOH=", "#MEASUREMENTVAR= 14, 1.5, fathoms, water\n#EOH="))
+    with pytest.raises(ValueError, match="water table is in 'fathoms'"):
+        read_files([path])
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(d, p) for d in (";", "|", " ", "\t", ",") for p in (".", ",") if d != p]
+)
+@pytest.mark.parametrize("end", ["!", "", ";"])
+def test_columns_of_a_gef_are_parted_by_what_parts_them(tmp_path, delimiter, decimal, end):
+    path = as_gef(tmp_path / "a.gef", log())
+    ((whole,), _), (head, body) = read_files([path]), path.read_text().split("#EOH=")
+    head = "\n".join(line for line in head.splitlines() if "SEPARATOR" not in line)
+    rows = [row.rstrip(";!").replace(";", delimiter).replace(".", decimal) + end for row in body.split("\n") if row]
+    path.write_text("\n".join([head, "#EOH=", *rows, ""]))
+    (sounding,), _ = read_files([path])
+    alike(sounding, whole)
+
+
+def test_a_gef_may_name_its_grid_as_the_epsg_does(tmp_path):
+    paths = [
+        as_gef(tmp_path / "a.gef", log(), code="31000"),
+        as_gef(tmp_path / "b.gef", log(), x=155080.0, code="28992"),
+    ]
+    assert [sounding.projection for sounding in read_files(paths)[0]] == [RD, RD]
+
+
+@pytest.mark.parametrize(("column", "scale"), [("sleeve", 1e3), ("sleeve", 1e-3), ("pore", 1e3)])
+def test_sleeve_and_pore_pressure_in_another_unit_are_refused(tmp_path, column, scale):
+    own = log()
+    path = as_gef(tmp_path / "a.gef", replace(own, **{column: [scale * each for each in getattr(own, column)]}))
+    with pytest.raises(ValueError, match=rf"has a {column} \w+ of .* times its cone resistance"):
+        read_files([path])
+
+
+def test_an_ags_file_that_lacks_units_or_a_location_is_refused_by_that(tmp_path, capsys):
+    path = as_ags(tmp_path / "a.ags", log())
+    text = path.read_text()
+    path.write_text(text.replace('"UNIT"', '"UNITS"'))
+    with pytest.raises(ValueError, match="has no row UNIT"):
+        read_files([path])
+    path.write_text(text.replace('"DATA","A","155020.0"', '"DATA","B","155020.0"'))
+    with pytest.raises(ValueError, match="SCPT has readings at 'A', which LOCA lacks"):
+        read_files([path])
+    path.write_text(text[:-40])
+    with pytest.raises(ValueError, match="is no AGS4 that python-AGS4 reads"):
+        read_files([path])
+    assert capsys.readouterr().out == ""

@@ -86,13 +86,17 @@ def test_a_drawing_without_units_is_in_metres(tmp_path):
         assert np.allclose(mpm.read_line(path), GROUND)
 
 
-@pytest.mark.parametrize("named", ["block 'CUT': explode it", r"curve \(spline\): turn it into a polyline"])
+@pytest.mark.parametrize(
+    "named", ["block 'CUT': explode it", r"curve \(spline\): turn it into", r"curve \(mline\): turn"]
+)
 @pytest.mark.parametrize("layer", [None, "0"])
 def test_blocks_and_curves_are_named(named, layer, tmp_path):
     made = ezdxf.new(units=6)
     if "block" in named:
         made.blocks.new("CUT").add_lwpolyline(GROUND)
         made.modelspace().add_blockref("CUT", (0, 0))
+    elif "mline" in named:
+        made.modelspace().add_mline(GROUND)
     else:
         made.modelspace().add_spline([(x, z, 0) for x, z in GROUND])
     made.saveas(tmp_path / "a.dxf")

@@ -132,6 +132,13 @@ def test_an_esri_grid_reads_from_north_to_south(tmp_path):
     assert np.array_equal(raster.heights, [[4, 1], [5, 2], [np.nan, 3]], equal_nan=True)
 
 
+def test_a_projection_in_a_file_of_capital_ending_is_read(tmp_path):
+    path = written(tmp_path, HEADER + "1 2 3\n4 5 6\n")
+    path.with_suffix(".PRJ").write_text('PROJCS["NAD83",UNIT["Foot_US",0.3048]]')
+    with pytest.raises(ValueError, match=r"dem.PRJ. is in feet: project it"):
+        mpm.read_raster(path)
+
+
 BAD_FILES = [
     (HEADER + "1 2 3\n4 5\n", None, "declares 3 times 2 heights and holds 5: it is damaged"),
     (HEADER.replace("ncols 3", "ncols 3000000000") + "1 2 3\n", None, "declares 3e\\+09 times 2 heights and holds 3"),

@@ -62,6 +62,21 @@ def test_any_numbers_come_back(rows, form, headed):
     assert [tuple(map(number, row)) for row in table.rows] == [tuple(float(f"{v:.4f}") for v in row) for row in rows]
 
 
+@pytest.mark.parametrize(
+    "mark", [" ", "\u00a0", "\u202f", "'", "’"], ids=["blank", "no-break", "narrow", "apostrophe", "curly"]
+)
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_marks_of_thousands_that_are_no_decimals_are_taken_out(mark, decimal):
+    rows = [[f"1{mark}155{mark}000{decimal}5", f"-12{mark}345", "7"], ["999", f"1{mark}000", f"0{decimal}25"]]
+    text = "\n".join(";".join(row) for row in [["x", "y", "z"], *rows])
+    assert table_of("a.csv", text).rows == (("1155000.5", "-12345", "7"), ("999", "1000", "0.25"))
+
+
+@pytest.mark.parametrize("cell", ["12 34", "1 2345", "borehole 1 000", "012 345"])
+def test_other_blanks_stay(cell):
+    assert table_of("a.csv", f"x;y\n{cell};1").rows == ((cell, "1"),)
+
+
 def test_headings_in_a_comment_are_told():
     table = table_of("numpy.txt", "# z x\n0.0 1.0\n2.0 3.0\n")
     assert (table.header, table.remark, len(table.rows)) == ((), ("z", "x"), 2)
