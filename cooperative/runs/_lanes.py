@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
+
 import jax
 
 from cooperative.scene import Plan
+from jaxmpm.run import devices_of
 
 SCREENED = 64
 """Rough runs at once on GPUs."""
@@ -30,4 +34,17 @@ def lanes_of(plan: Plan, grid: str, particles: float) -> int:
         return 1
     if grid != "refined":
         return SCREENED
-    return jax.local_device_count() * int(min(max(FILLS // particles, 1), SCREENED))
+    return len(devices_of()) * int(min(max(FILLS // particles, 1), SCREENED))
+
+
+def lent_by(devices: Iterable[jax.Device]) -> float:
+    """Bytes that each of some devices lends to arrays, the least of them; inf where these stand in the host's memory.
+
+    JAX takes its share of a GPU, three quarters of it by default, and tells no more than that.
+
+    Args:
+        devices: of this process.
+    """
+    held = [device.memory_stats() or {} for device in devices]
+    limits = [float(of_device.get("bytes_limit", 0)) for of_device in held]
+    return min((limit for limit in limits if limit > 0), default=math.inf)

@@ -19,13 +19,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from cooperative.runs._built import build
-from cooperative.runs._lanes import lanes_of
+from cooperative.runs._lanes import lanes_of, lent_by
 from cooperative.runs._model import GridModel
 from cooperative.runs._random_soil import random_soil
 from cooperative.runs._sampling import sampling_of
 from cooperative.scene import TAIL, Campaign, RandomField, check_cells
 from jaxmpm import Material, Scene, State, Status, advance, block, ground
 from jaxmpm.laws import declared
+from jaxmpm.run import devices_of
 from jaxmpm.soil import AnySoil
 from jaxmpm.support import check
 from jaxmpm.support.check import about
@@ -162,7 +163,7 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
 
     Raises:
         ValueError: slope, soil and grids that do not fit together, and for a campaign that would not end or not fit
-            into the memory of this machine.
+            into the memory of this machine, or of the devices that hold its arrays.
     """
     campaign.require()
     check_cells(campaign)
@@ -189,19 +190,29 @@ def check_size(campaign: Campaign, workers: int = 1) -> None:
                 f"{size.work:.1e} with {size.passes:.3g} averages in each; the limit is {MOST_WORK:.0e}: give "
                 "larger cells and spacings"
             )
-    lanes = {
-        grid: 1 if workers > 1 else min(lanes_of(campaign.plan, grid, size.particles), runs)
-        for grid, size in sizes.items()
-    }
-    models = sum(size.memory(lanes[grid]) for grid, size in sizes.items())
-    # The controller builds both grids too, to see that they fit.
-    needed = models + PROCESS + (workers * (models + PROCESS) if workers > 1 else 0.0)
-    _refuse_beyond_memory(
-        needed,
-        f"{sizes['rough'].particles:.3g} rough and {sizes['refined'].particles:.3g} refined particles"
-        + (f" in {workers} workers" if workers > 1 else f" in {lanes['rough']} and {lanes['refined']} lanes"),
-        "give larger cells and spacings, fewer lanes or fewer workers",
+    _check_memory(
+        sizes, workers, {grid: min(lanes_of(campaign.plan, grid, sizes[grid].particles), runs) for grid in sizes}
     )
+
+
+def _check_memory(sizes: Mapping[str, GridSize], workers: int, lanes: Mapping[str, int]) -> None:
+    """Raise ValueError for grids beyond the memory of this machine, or of the devices that hold their arrays."""
+    what = f"{sizes['rough'].particles:.3g} rough and {sizes['refined'].particles:.3g} refined particles"
+    what += f" in {workers} workers" if workers > 1 else f" in {lanes['rough']} and {lanes['refined']} lanes"
+    remedy = "give larger cells and spacings, fewer lanes or fewer workers"
+    lent, alone = lent_by(devices_of()), dict.fromkeys(sizes, 1)
+
+    def models(lanes: Mapping[str, int], each: float) -> float:
+        one = sum(size.memory(lanes[grid]) for grid, size in sizes.items()) + each
+        # The controller builds both grids too, to see that they fit.
+        return one + (workers * one if workers > 1 else 0.0)
+
+    # Where arrays stand on a device, the host has those of one lane, while it builds a grid.
+    on_host = alone if workers > 1 or math.isfinite(lent) else lanes
+    _refuse_beyond(memory_limit(), models(on_host, PROCESS), what, "this machine", remedy)
+    on_device = {grid: count // len(devices_of(count)) for grid, count in (alone if workers > 1 else lanes).items()}
+    remedy += ", or let JAX take a larger share of the device (XLA_CLIENT_MEM_FRACTION=0.95)"
+    _refuse_beyond(lent, models(on_device, 0.0), what, f"each {devices_of()[0].device_kind}", remedy)
 
 
 def check_all(campaign: Campaign) -> None:
@@ -229,10 +240,11 @@ def check_coefficients(campaign: Campaign, modes: int) -> None:
         modes: coefficients of a sample.
     """
     runs = _first_runs(campaign)
-    # The design, a copy while it is made, and the controller's own.
+    # The design, a copy while it is made, and the controller's own; all of NumPy.
     needed = 12.0 * runs * modes + PROCESS
     what = f"{runs} samples of {modes} coefficients"
-    _refuse_beyond_memory(needed, what, "give fewer samples, longer correlation lengths or less energy")
+    remedy = "give fewer samples, longer correlation lengths or less energy"
+    _refuse_beyond(memory_limit(), needed, what, "this machine", remedy)
 
 
 def _first_runs(campaign: Campaign) -> int:
@@ -240,10 +252,9 @@ def _first_runs(campaign: Campaign) -> int:
     return campaign.estimator.rough_runs(sampling_of(campaign)) if campaign.coarse is None else campaign.plan.samples
 
 
-def _refuse_beyond_memory(needed: float, what: str, remedy: str) -> None:
-    limit = memory_limit()
+def _refuse_beyond(limit: float, needed: float, what: str, lender: str, remedy: str) -> None:
     if not needed <= limit:
-        raise ValueError(f"{what} take some {needed / 1e9:.3g} GB, this machine lends {limit / 1e9:.3g} GB: {remedy}")
+        raise ValueError(f"{what} take some {needed / 1e9:.3g} GB, {lender} lends {limit / 1e9:.3g} GB: {remedy}")
 
 
 def memory_limit() -> float:

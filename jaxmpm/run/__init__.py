@@ -5,6 +5,7 @@ from jaxmpm.run._advance import advance, advance_lanes, repeat
 from jaxmpm.run._batch import Chunk, Hooks, Midway
 from jaxmpm.run._checkpointed import Checkpoints, checkpoints, replay
 from jaxmpm.run._columns import Passing, column_shape, passing, with_columns
+from jaxmpm.run._devices import devices_of
 from jaxmpm.run._early import Early
 from jaxmpm.run._integrate import Result, solve
 from jaxmpm.run._lanes import lanes
@@ -32,6 +33,7 @@ __all__ = [
     "advance_lanes",
     "checkpoints",
     "column_shape",
+    "devices_of",
     "factor_of_safety",
     "lanes",
     "least_failing_volume",

@@ -15,24 +15,35 @@ from jaxmpm.types import Scene, State
 LANES, ALL = PartitionSpec("lanes"), PartitionSpec()
 
 
-def _devices() -> list[jax.Device]:
-    """Those of this process; the one that `jax.default_device` names, where it does."""
+def devices_of(lanes: int | None = None) -> list[jax.Device]:
+    """The devices of this process that share some lanes evenly: as many as divide their number.
+
+    Args:
+        lanes: their number; None for all devices that lanes may run on.
+
+    Returns:
+        Devices; the one that `jax.default_device` names, where it does.
+    """
     chosen = jax.config.jax_default_device  # type: ignore[attr-defined]  # set by JAX when it is imported
-    return jax.local_devices() if chosen is None else [chosen]
+    if isinstance(chosen, str):  # a platform
+        chosen = jax.local_devices(backend=chosen)[0]
+    devices = jax.local_devices() if chosen is None else [chosen]
+    if lanes is None:
+        return devices
+    return devices[: max(n for n in range(1, min(lanes, len(devices)) + 1) if lanes % n == 0)]
 
 
 def mesh_of(lanes: int) -> Mesh | None:
-    """The devices that share some lanes evenly: as many of this process as divide their number.
+    """The devices that share some lanes, see `devices_of`.
 
     Args:
         lanes: their number.
 
     Returns:
-        Mesh with the axis "lanes"; None for one device, also where `jax.default_device` names one.
+        Mesh with the axis "lanes"; None for one device.
     """
-    devices = _devices()
-    count = max(n for n in range(1, min(lanes, len(devices)) + 1) if lanes % n == 0)
-    return Mesh(np.array(devices[:count]), ("lanes",)) if count > 1 else None
+    devices = devices_of(lanes)
+    return Mesh(np.array(devices), ("lanes",)) if len(devices) > 1 else None
 
 
 def placed(scene: Scene, state: State, axes: Scene, mesh: Mesh | None) -> tuple[Scene, State]:
@@ -44,7 +55,7 @@ def placed(scene: Scene, state: State, axes: Scene, mesh: Mesh | None) -> tuple[
         axes: leaves of the scene that have lanes first.
         mesh: of these lanes.
     """
-    devices = _devices()
+    devices = devices_of()
     if len(devices) == 1:
         return scene, state
     if mesh is None:

@@ -24,7 +24,7 @@ from cooperative.scene import Plan
 def test_runs_at_once_fill_each_of_two_devices(backend, grid, particles, lanes, monkeypatch):
     plan = Plan(samples=10)
     monkeypatch.setattr(jax, "default_backend", lambda: backend)
-    monkeypatch.setattr(jax, "local_device_count", lambda: 2)
+    monkeypatch.setattr(jax, "local_devices", lambda: ["one", "other"])
     assert lanes_of(plan, grid, particles) == lanes
     asked = replace(plan, lanes=5, look_ahead=3)
     assert lanes_of(asked, grid, particles) == (3 if grid == "refined" else 5)

@@ -3,13 +3,16 @@
 import math
 import re
 from contextlib import nullcontext
+from types import SimpleNamespace
 
+import jax
 import pytest
 
 from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.runs import check_coefficients, check_size, grid_size
+from cooperative.runs._lanes import lent_by
 from cooperative.scene import SEVERAL, TABLES, check_scene, parse, read_scene
 from cooperative.scene.tables import _reading, keys
 from cooperative.store import scene_digest
@@ -41,6 +44,38 @@ def test_scenes_that_come_along_fit_into_a_small_machine(monkeypatch):
         check_size(paper, workers=64)
     with pytest.raises(ValueError, match=r"1000 samples of 10000000 coefficients take some 12.* GB"):
         check_coefficients(paper, 10_000_000)
+
+
+@pytest.mark.parametrize(("count", "lanes"), [(1, 64), (2, 32), (3, 32)])
+def test_where_lanes_stand_on_devices_their_memory_decides(count, lanes, monkeypatch):
+    paper = parse((SCENES / "paper.toml").read_text())
+    rough, refined = (grid_size(paper, grid) for grid in ("rough", "refined"))
+    needed = rough.memory(lanes) + refined.memory(1)
+    lent = {"bytes_limit": needed}
+    device = SimpleNamespace(memory_stats=lambda: lent, device_kind="NVIDIA H200")
+    sharing = {1: 1, 64: max(n for n in range(1, count + 1) if 64 % n == 0), count: count, None: count}
+    for module, name in ((runs._size, "devices_of"), (runs._lanes, "devices_of")):
+        monkeypatch.setattr(module, name, lambda lanes=None: [device] * sharing[lanes])
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    # The host holds one lane of each grid, and would not hold all.
+    monkeypatch.setattr(runs._size, "memory_limit", lambda: rough.memory(1) + refined.memory(1) + runs._size.PROCESS)
+    check_size(paper)
+    lent["bytes_limit"] = needed - 1
+    with pytest.raises(
+        ValueError, match=r"64 and \d lanes take some .* GB, each NVIDIA H200 lends .* GB: .*XLA_CLIENT_MEM"
+    ):
+        check_size(paper)
+    with pytest.raises(ValueError, match=r"in 4 workers take some .* GB, this machine lends .* GB: "):
+        check_size(paper, workers=4)
+
+
+def test_devices_that_tell_no_limit_set_none():
+    def device(stats):
+        return SimpleNamespace(memory_stats=lambda: stats)
+
+    assert lent_by([device(None), device({}), device({"bytes_limit": -1})]) == math.inf
+    assert lent_by([device(None), device({"bytes_limit": 3}), device({"bytes_limit": 2})]) == 2
+    assert lent_by(jax.devices("cpu")) == math.inf
 
 
 def wrong_values():

@@ -15,7 +15,8 @@ from jaxmpm.run._devices import mesh_of
 
 CHILD = """
 import jax, numpy as np, jaxmpm as mpm
-from jaxmpm.run._devices import mesh_of
+from jaxmpm.run._devices import devices_of, mesh_of
+assert [len(devices_of(lanes)) for lanes in (None, 1, 2, 4, 5, 6)] == [3, 1, 2, 2, 1, 3]
 assert [mesh_of(lanes) and mesh_of(lanes).size for lanes in (1, 2, 4, 5, 6)] == [None, 2, 2, None, 3]
 soil = mpm.Soil(young=5e6, strength=9e3)
 scene, state = mpm.column(4.0, soil, mpm.Discretisation(cell=1.0, spacing=(0.5,)))
@@ -29,6 +30,9 @@ def ends():
 several = ends()
 with jax.default_device(jax.local_devices()[0]):
     one = ends()
+    assert devices_of() == devices_of(6) == jax.local_devices()[:1]
+with jax.default_device("cpu"):
+    assert devices_of() == jax.local_devices()[:1]
 assert several.keys() == one.keys() == set(range(7))
 for n in one:
     assert several[n][:2] == one[n][:2] and np.array_equal(several[n][2], one[n][2]), n
