@@ -10,16 +10,17 @@ from pathlib import Path
 from subprocess import CalledProcessError
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import jax
 import numpy as np
 
 import jaxmpm
 import kl
 from cooperative import runs
-from cooperative.measure import ReleaseHistory, exceeded
+from cooperative.measure import ReleaseHistory
 from cooperative.reporting import panels, save, units_of
 from cooperative.scene import Campaign, RandomField
 from cooperative.store import FinishedRun, own_folder
-from jaxmpm import Scene, State, solve_each, write_vtkhdf
+from jaxmpm import Scene, State, diagnostics, solve_each, write_vtkhdf
 from jaxmpm.laws import declared
 from jaxmpm.run import Hooks, Midway
 from jaxmpm.support import check
@@ -121,12 +122,12 @@ def slide(
 
     def report_moment(_: int, seconds: float, midway: Midway) -> None:
         nonlocal past, failed
-        moved = np.linalg.norm(np.asarray(midway.state.displacement), axis=0)
+        moved = diagnostics.displacement(midway.state)
         past = past.after(seconds, moved)
-        if failed is None and float(exceeded(moved, np.asarray(scene.particles.volume), least)) > limit:
+        if failed is None and float(diagnostics.exceeded_displacement(scene, midway.state, least)) > limit:
             failed = seconds
         if seconds - max(kept) >= run.last(grid) / (frames - 1):
-            kept[seconds] = midway.state
+            kept[seconds] = jax.device_get(midway.state)
         progress(seconds, float(moved.max()))
 
     name, parameter = next(iter(declared(scene.material).items()))

@@ -69,7 +69,7 @@ def largest_displacement(state: State) -> Array:
     return jnp.max(displacement(state))
 
 
-def exceeded_displacement(scene: Scene, state: State, volume: float) -> Array:
+def exceeded_displacement(scene: Scene, state: State, volume: float | None) -> Array:
     """Largest displacement that a given volume of soil has reached or exceeded.
 
     Soil is counted from the largest displacement down, so that neither a few grains nor soil that stands affect the
@@ -78,7 +78,7 @@ def exceeded_displacement(scene: Scene, state: State, volume: float) -> Array:
     Args:
         scene: of the state.
         state: of one lane.
-        volume: of undeformed soil (m3, in a section m2), above 0.
+        volume: of undeformed soil (m3, in a section m2), above 0; None for a single particle.
 
     Returns:
         () m.
@@ -87,6 +87,8 @@ def exceeded_displacement(scene: Scene, state: State, volume: float) -> Array:
         ValueError: If the volume is not above 0, or the state is not of one lane of this scene.
     """
     _of_one_lane(scene, state)
+    if volume is None:
+        return largest_displacement(state)
     check.positive("volume", volume)
     distance, volumes = displacement(state), scene.particles.volume
     order = jnp.argsort(-distance)

@@ -27,7 +27,7 @@ from cooperative import runs
 from cooperative.measure import SEVERITY, ReleaseHistory
 from cooperative.runs import GridModel
 from cooperative.store import FinishedRun
-from jaxmpm import Result, State, Status, solve_each
+from jaxmpm import Result, State, Status, diagnostics, solve_each
 from jaxmpm.run import Hooks, Midway, Rule
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
@@ -157,7 +157,7 @@ def followed(
     def observe(_: int, seconds: float, midway: Midway) -> None:
         nonlocal past
         if seconds > past.times[-1]:
-            past = past.after(seconds, np.linalg.norm(np.asarray(midway.state.displacement), axis=0))
+            past = past.after(seconds, diagnostics.displacement(midway.state))
         on_state(seconds, midway.state)
 
     values_of_soil = {name: [values] for name, values in model.varied(jnp.asarray(coefficients)).items()}
@@ -171,18 +171,19 @@ def run_watched(model: GridModel, sample: int) -> tuple[FinishedRun, str]:
     """A sample's run to its end, and the volume that it opened and closed again, nothing without memory."""
     coefficients = runs.coefficients_of(model.campaign, model.soil)[sample]
     volume, run = np.asarray(model.scene.particles.volume), model.campaign.run
-    widest = np.zeros(volume.size)
+    widest = model.state.gap
 
     def record_gap(_: float, state: State) -> None:
         nonlocal widest
-        if state.gap is not None:
-            widest = np.maximum(widest, np.asarray(state.gap, float))
+        if widest is not None and state.gap is not None:
+            widest = jnp.maximum(widest, state.gap)
 
     result, past = followed(model, coefficients, run.t_end, run.rules(), record_gap)
     answer = runs.finished(model, sample, coefficients, result, 0.0, past)
-    if result.state.gap is None:
+    if widest is None:
         return answer, ""
-    return answer, f"{np.sum(volume * (np.exp(widest) - np.exp(np.asarray(result.state.gap, float)))):.6g}"
+    most, end = (np.exp(np.asarray(gap, float)) for gap in (widest, result.state.gap))
+    return answer, f"{np.sum(volume * (most - end)):.6g}"
 
 
 def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mapping[int, Row]) -> dict[str, Any]:

@@ -19,9 +19,8 @@ from benchmarks.csv_rows import Row, appending, head, read_rows, size, whole, wo
 from benchmarks.measure import ROOT, scene_campaign
 from cooperative import runs
 from cooperative.estimate import wilson_interval
-from cooperative.measure import exceeded
 from cooperative.scene import measure_limit_load
-from jaxmpm import Exceeds, Settle, Slope, solve_each
+from jaxmpm import Exceeds, Settle, Slope, diagnostics, solve_each
 from jaxmpm.run import Hooks, Midway
 
 PATH = ROOT / "benchmarks" / "data" / "cho_cphi.csv"
@@ -143,10 +142,10 @@ def speeds_up(displacements: np.ndarray, first: int) -> np.ndarray:
 
 def _run(model: runs.GridModel, varied: Mapping[str, Any], least: float) -> tuple[float, bool]:
     """Displacement (m) that the least volume has exceeded at the end, and whether it sped up between looks."""
-    volume, seen = np.asarray(model.scene.particles.volume), []
+    seen = []
 
     def record_displacement(_: int, seconds: float, midway: Midway) -> None:
-        seen.append(exceeded(np.linalg.norm(np.asarray(midway.state.displacement), axis=0), volume, least))
+        seen.append(float(diagnostics.exceeded_displacement(model.scene, midway.state, least)))
 
     values = {name: [value] for name, value in varied.items()}
     for _ in solve_each(

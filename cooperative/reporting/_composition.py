@@ -23,7 +23,7 @@ from cooperative.reporting._interactive import Drawn
 from cooperative.reporting._page import page
 from cooperative.scene import campaign_of
 from cooperative.store import FAILED_AT, GRIDS, FinishedRun, Scalar, own_folder, read_sample, write_aside
-from jaxmpm import solve_each
+from jaxmpm import diagnostics, solve_each
 from jaxmpm.run import Hooks, Midway
 from jaxmpm.support.files import remove_leftovers
 
@@ -243,11 +243,10 @@ def moments(model: runs.GridModel, sample: FinishedRun) -> runs.Frames:
     displacements: list[np.ndarray] = []
 
     def report_moment(_: int, seconds: float, midway: Midway) -> None:
-        displacement = midway.state.displacement
-        if due and float(np.linalg.norm(displacement, axis=0).max()) >= due[0]:
+        if due and float(diagnostics.largest_displacement(midway.state)) >= due[0]:
             del due[0]
             times.append(seconds)
-            displacements.append(np.asarray(displacement))
+            displacements.append(np.asarray(midway.state.displacement))
 
     varied = {name: [value] for name, value in model.varied(sample.coefficients).items()}
     for _, result in solve_each(

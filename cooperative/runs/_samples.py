@@ -26,7 +26,7 @@ from cooperative.runs._model import GridModel
 from cooperative.runs._restart import Frames, RestartPoint, read_restart, write_restart
 from cooperative.runs._stopping import Asked, Stopped
 from cooperative.store import MOVING, SLIDES, FinishedRun, Scalar, stored_source
-from jaxmpm import Face, Result, Status, solve_each
+from jaxmpm import Face, Result, Status, diagnostics, solve_each
 from jaxmpm.run import Chunk, Hooks, Midway, Rule, passing
 
 GROUND = "column_ground"
@@ -192,10 +192,9 @@ class _UnderWay:
 
     def _fails(self, midway: Midway, seconds: float) -> bool:
         """Whether enough soil of a run that has ended moved as far as a failure, or is bound to."""
-        campaign, volume = self.model.campaign, np.asarray(self.model.scene.particles.volume)
-        moved, _ = _moved(midway.state.displacement)
-        reached = exceeded(np.asarray(moved), volume, campaign.failing_volume)
-        return foreseen(reached, seconds, midway) > campaign.run.failure_displacement
+        campaign = self.model.campaign
+        reached = diagnostics.exceeded_displacement(self.model.scene, midway.state, campaign.failing_volume)
+        return foreseen(float(reached), seconds, midway) > campaign.run.failure_displacement
 
 
 @jax.jit

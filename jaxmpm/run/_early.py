@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm.run._stopping import Reading, Rule, check_volume, farthest_of
+from jaxmpm import diagnostics
+from jaxmpm.run._stopping import Reading, Rule, check_volume
 from jaxmpm.support import check
 from jaxmpm.types import Scene, State, Status
 
@@ -80,7 +81,7 @@ class Early(Rule):
 
     def measure(self, scene: Scene, state: State) -> tuple[Array, Array, Array]:
         """Mean plastic strain, half the period of the slowest oscillation (s), and displacement (m)."""
-        return *measures(scene, state), farthest_of(scene, state, self.least_volume)
+        return *measures(scene, state), diagnostics.exceeded_displacement(scene, state, self.least_volume)
 
     def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """SETTLED where a lane stands, DECIDED where it fails or has failed."""

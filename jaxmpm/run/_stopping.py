@@ -122,7 +122,7 @@ class Exceeds(Rule):
 
     def measure(self, scene: Scene, state: State) -> Array:
         """Displacement (m)."""
-        return farthest_of(scene, state, self.least_volume)
+        return diagnostics.exceeded_displacement(scene, state, self.least_volume)
 
     def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """DECIDED beyond the limit."""
@@ -172,8 +172,8 @@ class Settle(Rule):
     def measure(self, scene: Scene, state: State) -> tuple[Array, Array, Array | None, Array | None]:
         """Speed (m/s), displacement and, with `slides`, that of the slide (m); end of a loss of strength (s)."""
         slid = None if self.slides is None else diagnostics.slide_displacement(scene, state, self.slides)
-        farthest, weakens = farthest_of(scene, state, self.least_volume), weakens_until(scene.material)
-        return diagnostics.speed(scene, state), farthest, slid, weakens
+        farthest = diagnostics.exceeded_displacement(scene, state, self.least_volume)
+        return diagnostics.speed(scene, state), farthest, slid, weakens_until(scene.material)
 
     def judge(self, memory: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
         """SETTLED after `hold` seconds without motion."""
@@ -229,14 +229,7 @@ def measured(scene: Scene, state: State, axes: Scene | None, rules: tuple[Rule, 
 @partial(jax.jit, static_argnames=("axes", "volume"))
 def farthest(scene: Scene, state: State, axes: Scene | None, volume: float | None) -> Array:
     """Largest displacement of each lane (m), or the one that a volume of soil has exceeded."""
-    return over_lanes(partial(farthest_of, volume=volume), axes)(scene, state)
-
-
-def farthest_of(scene: Scene, state: State, volume: float | None) -> Array:
-    """Largest displacement of one lane (m), or the one that a volume of soil has exceeded."""
-    if volume is None:
-        return diagnostics.largest_displacement(state)
-    return diagnostics.exceeded_displacement(scene, state, volume)
+    return over_lanes(partial(diagnostics.exceeded_displacement, volume=volume), axes)(scene, state)
 
 
 def check_volume(least_volume: float | None) -> None:
