@@ -22,7 +22,7 @@ from jax import Array
 from jaxmpm.grid import Grid
 from jaxmpm.laws import Elastic, frictional
 from jaxmpm.tensors import ACTING, AXES, VOIGT
-from jaxmpm.transfer import along, at_rows, beside
+from jaxmpm.transfer import along, at_rows, beside, of_all, of_stored
 from jaxmpm.types import Scene
 
 NARROW, WIDE = 0.02, 0.85
@@ -210,7 +210,8 @@ def bridged(scene: Scene, levels: Array, force: Array, gap: Array | None) -> Arr
     """Forces of the soil's stress, along level planes as if cells were as full as those above and below them.
 
     Sums upwards of the mapped volume and shear stress are those of the soil between two levels of nodes, which so are
-    exact for boxes of particles that fill cells by a share. What one level of nodes gains, the next one loses.
+    exact for boxes of particles that fill cells by a share. What one level of nodes gains, the next one loses. Where
+    nodes near soil alone are stored the sums are made over all levels all the same.
 
     Args:
         scene: of the nodes.
@@ -223,9 +224,11 @@ def bridged(scene: Scene, levels: Array, force: Array, gap: Array | None) -> Arr
     """
     grid = scene.grid
     d, upright = grid.dimension, grid.dimension - 1
-    between = _added_up(levels.reshape(*grid.shape, d), upright)
+    between = _added_up(of_all(grid, levels).reshape(*grid.shape, d), upright)
     filled, traction = between[..., 0] / grid.cell ** (d - 1), between[..., 1:]
-    around = jnp.pad(_with_rock(scene, filled, gap), [(0, 0)] * upright + [(2, 2)])
+    around = jnp.pad(
+        _with_rock(scene, filled, None if gap is None else of_all(grid, gap)), [(0, 0)] * upright + [(2, 2)]
+    )
 
     def beyond(cells: int) -> Array:
         """Filled share of the cells so many further up."""
@@ -241,7 +244,7 @@ def bridged(scene: Scene, levels: Array, force: Array, gap: Array | None) -> Arr
     gap = _counted(jnp.where(lacks, 1 - filled / jnp.where(lacks, beside, 1), 0), UNEVEN)
     lacking = (gap / (1 - gap))[..., None] * traction
     change = lacking - shifted(lacking, -1, upright)
-    return force + jnp.pad(change, [(0, 0)] * d + [(0, 1)]).reshape(force.shape)
+    return force + of_stored(grid, jnp.pad(change, [(0, 0)] * d + [(0, 1)]).reshape(-1, d))
 
 
 def _added_up(field: Array, axis: int) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmpm.support import check
 from jaxmpm.support.tracing import array, host
-from jaxmpm.transfer import SPARE, can_follow, with_room
+from jaxmpm.transfer import SPARE, can_follow, spreads, with_room
 from jaxmpm.types import Scene, State
 
 SPARSE = 8
@@ -33,6 +33,7 @@ def follow_soil(scene: Scene, state: State | None = None) -> Scene:
     are those of a grid that stores all nodes, to rounding. There is room for twice the nodes that soil reaches at the
     start, or in a given state. `solve` and `solve_each` make more room if a run needs it; elsewhere the lane then has
     the status GRID_FULL. Grounds do this by themselves if the box has eight times as many nodes, and more than 5000.
+    Averages over an internal length and bridges across gaps still work on all nodes, so that air costs them time.
 
     Args:
         scene: in two or three dimensions.
@@ -43,8 +44,8 @@ def follow_soil(scene: Scene, state: State | None = None) -> Scene:
         Scene.
 
     Raises:
-        ValueError: If positions are traced, or the scene has one dimension, an internal length, bridged gaps, tied
-            sides or a free field, which need nodes that soil does not reach.
+        ValueError: If positions are traced, or the scene has one dimension, tied sides or a free field: these identify
+            planes of nodes with each other, also where soil reaches one of the two.
 
     Example:
         >>> import jaxmpm as mpm
@@ -58,8 +59,8 @@ def follow_soil(scene: Scene, state: State | None = None) -> Scene:
         raise ValueError("where soil is, is traced: choose the nodes that are stored outside of jit, vmap and grad")
     if not can_follow(scene):
         raise ValueError(
-            "the scene has one dimension, an internal length, bridged gaps, tied sides or a free field, which need "
-            "nodes that soil does not reach: store all nodes"
+            "the scene has one dimension, tied sides or a free field, which need nodes that soil does not reach: store "
+            "all nodes"
         )
     position = np.asarray(scene.particles.position)
     grid = with_room(scene.grid, position if state is None else position + np.asarray(state.displacement))
@@ -84,7 +85,7 @@ def _sparse(nodes: float, reached: float) -> bool:
 
 
 def estimated_nodes(scene: Scene, nodes: float, columns: float, filled: float) -> float:
-    """How many nodes the grid of a ground stores, before it is built.
+    """How many nodes the grid of a ground works on, before it is built: those that it stores, or all.
 
     Args:
         scene: of the same soil and numerical choices, of any size.
@@ -93,7 +94,8 @@ def estimated_nodes(scene: Scene, nodes: float, columns: float, filled: float) -
         filled: cells that soil fills.
     """
     reached = filled + REACHED * columns
-    return SPARE * reached if can_follow(scene) and _sparse(nodes, reached) else nodes
+    follows = can_follow(scene) and not spreads(scene)
+    return SPARE * reached if follows and _sparse(nodes, reached) else nodes
 
 
 def under_sky(scene: Scene, height: float) -> Scene:
@@ -104,10 +106,11 @@ def under_sky(scene: Scene, height: float) -> Scene:
         height: of the air (m); no more than doubles the grid.
 
     Returns:
-        The scene itself if it stores all nodes. Nodes in the air are held as is the highest of their column.
+        The scene itself if it stores all nodes, or works on all. Nodes in the air are held as is the highest of their
+        column.
     """
     grid, levels = scene.grid, scene.grid.shape[-1]
-    if grid.stored is None:
+    if grid.stored is None or spreads(scene):
         return scene
     more = math.ceil(min(height / grid.cell, levels))
 

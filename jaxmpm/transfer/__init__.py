@@ -14,6 +14,7 @@ from jaxmpm.transfer._near import (
     of_all,
     of_stored,
     on_nodes,
+    spreads,
     with_room,
 )
 from jaxmpm.transfer._primitives import scatter_p
@@ -58,6 +59,7 @@ __all__ = [
     "p2g",
     "passes_for",
     "scatter_p",
+    "spreads",
     "thickness_on",
     "velocity_gradient",
     "with_room",

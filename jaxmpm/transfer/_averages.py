@@ -12,6 +12,7 @@ from jaxmpm.grid import Grid
 from jaxmpm.protocols import Kernel
 from jaxmpm.support import check
 from jaxmpm.transfer._cells import cell_sums
+from jaxmpm.transfer._near import of_all, of_stored
 from jaxmpm.transfer._shape import locate
 from jaxmpm.types import Engine
 
@@ -27,7 +28,7 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
 
     Args:
         grid: of the nodes.
-        nodal: (nodes, c) sums.
+        nodal: (nodes, c) sums, which spread over all nodes, also where those near soil alone are stored.
         passes: number of filters.
 
     Returns:
@@ -35,7 +36,7 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
     """
     if not passes:
         return nodal
-    field = nodal.reshape(*grid.shape, -1)
+    field = of_all(grid, nodal).reshape(*grid.shape, -1)
     # One filter reaches the padding of the grid alone.
     margin = 0 if passes < 2 else math.ceil(REACH * math.sqrt(passes / 2))
     for axis in range(grid.dimension):
@@ -47,7 +48,7 @@ def filtered(grid: Grid, nodal: Array, passes: int) -> Array:
         beyond = [(0, margin if other_axis == axis else 0) for other_axis in range(field.ndim)]
         field = jax.lax.fori_loop(0, passes, smoothed, jnp.pad(field, beyond) if margin else field)
         field = jax.lax.slice_in_dim(field, 0, grid.shape[axis], axis=axis)
-    return field.reshape(nodal.shape)
+    return of_stored(grid, field.reshape(-1, nodal.shape[1]))
 
 
 def within_cells(

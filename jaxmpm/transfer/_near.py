@@ -39,8 +39,8 @@ Values = TypeVar("Values")
 def can_follow(scene: Scene) -> bool:
     """Whether nodes of a scene may be stored near its soil alone.
 
-    Averages of plastic strain and bridges across gaps spread beyond the nodes that soil reaches; tied sides and free
-    fields identify whole planes of nodes.
+    Tied sides and free fields identify whole planes of nodes, also where soil reaches one of two. In one dimension all
+    nodes are of one column.
 
     Args:
         scene: to run.
@@ -48,9 +48,21 @@ def can_follow(scene: Scene) -> bool:
     Returns:
         Whether they may.
     """
-    numerics = scene.numerics
-    level = scene.free_field is None and scene.boundary.tied is None and not numerics.bridging
-    return level and not numerics.nonlocal_passes and scene.grid.dimension > 1
+    return scene.free_field is None and scene.boundary.tied is None and scene.grid.dimension > 1
+
+
+def spreads(scene: Scene) -> bool:
+    """Whether a step works on some values of all nodes, also where those near soil alone are stored.
+
+    Averages of plastic strain and bridges across gaps spread through nodes that soil does not reach.
+
+    Args:
+        scene: to run.
+
+    Returns:
+        Whether it does, so that air costs steps.
+    """
+    return scene.numerics.bridging or bool(scene.numerics.nonlocal_passes)
 
 
 near_p = Primitive("jaxmpm_near")  # position (d, N) -> arrays of `NearNodes`, (1, columns), (1, rows) and (1, 1)

@@ -46,12 +46,13 @@ def thrown(walls="friction", size=(3.0, 2.0), soil=CLAY, **numerics):
     )  # fmt: skip
 
 
-def on_bedrock(soil=SAND, **choices):
+def on_bedrock(soil=SAND, numerics=None, **choices):
     """A layer on steep bedrock in three dimensions."""
     rock = mpm.Raster(STEEP, (0.0, 0.0), 2.0)
     surface = replace(rock, heights=STEEP + 0.8 + np.linspace(0, 0.5, 4))
     shape = mpm.Terrain(surface, base=0.0, bedrock=rock, **choices)
-    return mpm.terrain(shape, soil, mpm.Discretisation(1.0, (0.5,) * 3), at_rest=False, speed=20.0)
+    chosen = mpm.Discretisation(1.0, (0.5,) * 3, **(numerics or {}))
+    return mpm.terrain(shape, soil, chosen, at_rest=False, speed=20.0)
 
 
 SCENES = {
@@ -59,6 +60,9 @@ SCENES = {
     "rollers": partial(thrown, "roller", cell_average=True),
     "fixed": partial(thrown, "fixed", scheme=mpm.Scheme.USL, flip=0.95, xpic=2, fbar=True),
     "apic": partial(thrown, "fixed", kernel=mpm.QuadraticBSpline, apic=True, flip=0.0, scheme=mpm.Scheme.USF),
+    "internal length": partial(thrown, "fixed", internal_length=1.5),
+    "bridging": partial(thrown, "fixed", bridging=True, cell_average=True),
+    "both on rock": partial(on_bedrock, CLAY, {"bridging": True, "internal_length": 1.5}),
     "contact": partial(on_bedrock, interface=mpm.Interface(20.0, 2e3)),
     "rock": partial(on_bedrock, CLAY),
 }
@@ -323,17 +327,23 @@ def test_the_nodes_of_a_terrain_are_known_before_it_is_built():
     counts = [count + 3 for count in mpm.ground.cells(shape, mpm.Discretisation(1.0, (0.5,) * 3))]
     asked = math.prod(counts), math.prod(counts[:-1]), mpm.ground.volume(shape)
     assert 1 <= estimated_nodes(scene, *asked) / scene.grid.stored < 1.3
-    tied = replace(scene, numerics=replace(scene.numerics, bridging=True))
+    tied = replace(scene, boundary=replace(scene.boundary, tied=(2, 6)))
     assert estimated_nodes(tied, *asked) == asked[0]
     assert estimated_nodes(scene, 4000, 100, 10) == 4000
 
 
-@pytest.mark.parametrize("choice", [{"internal_length": 1.5}, {"bridging": True}])
-def test_what_spreads_beyond_the_soil_stores_all(choice):
-    scene, _ = thrown(**choice)
-    assert scene.grid.stored is None
+def test_planes_of_nodes_that_are_one_are_all_stored():
+    scene, _ = thrown()
+    tied = replace(everywhere(scene), boundary=replace(scene.boundary, tied=(2, 6)))
     with pytest.raises(ValueError, match="need nodes that soil does not reach: store all nodes"):
-        mpm.follow_soil(scene)
+        mpm.follow_soil(tied)
+
+
+@pytest.mark.parametrize("choice", [{"internal_length": 1.5}, {"bridging": True}])
+def test_no_sky_is_added_where_a_step_works_on_all_nodes(choice):
+    scene, (plain, _) = mpm.follow_soil(thrown(**choice)[0]), thrown()
+    assert under_sky(scene, 3.0) is scene
+    assert under_sky(mpm.follow_soil(plain), 3.0).grid.shape[-1] == scene.grid.shape[-1] + 3
 
 
 def test_traced_positions_are_refused():
