@@ -58,7 +58,7 @@ class GridSize:
         particles: in all.
         nodes: that are stored.
         air: nodes that are not.
-        points: of the box around the slope.
+        points: of the box around the slope that are in memory at once.
         steps: of a run.
         passes: filters of averaging in each step.
     """
@@ -119,7 +119,7 @@ def grid_size(campaign: Campaign, grid: str) -> GridSize:
         particles=ground.volume(shape) / particle_size,
         nodes=nodes,
         air=math.prod(counts) - nodes,
-        points=math.prod(shape.extent) / particle_size,
+        points=ground.points_held(shape, numerics),
         steps=steps,
         passes=passes,
     )

@@ -7,7 +7,7 @@ from jaxmpm.ground._ground import Face, Ground, build_ground, check_ground, laye
 from jaxmpm.ground._layer import Layer
 from jaxmpm.ground._line import read_line
 from jaxmpm.ground._pore_water import WATER_WEIGHT, wet
-from jaxmpm.ground._probe import box_of, floor, relief, thicknesses, top_of, volume
+from jaxmpm.ground._probe import box_of, floor, points_held, relief, thicknesses, top_of, volume
 from jaxmpm.ground._raster import Raster, read_raster
 from jaxmpm.ground._reshape import reshaped
 from jaxmpm.ground._seam import Thickness
@@ -36,6 +36,7 @@ __all__ = [
     "estimated_nodes",
     "floor",
     "layer_of",
+    "points_held",
     "read_line",
     "read_raster",
     "relief",

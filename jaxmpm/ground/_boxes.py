@@ -44,15 +44,14 @@ def boxes(
         ValueError: If none is left.
     """
     dtype, spacing = check.dtype(discretisation.dtype or jax.dtypes.canonicalize_dtype(float)), discretisation.spacing
-    (dx, dy, dz), (length, width, height) = spacing, ground.extent
-    nx, ny, nz = round(length / dx), round(width / dy), math.ceil(height / dz * (1 - 1e-12))
+    nx, ny, nz = _counts(ground, spacing)
     steps = zip(ground.corner, (nx, ny, nz), spacing, strict=True)
     along, across, z = (start + (np.arange(n) + 0.5) * step for start, n, step in steps)
     plan = np.meshgrid(along, across, indexing="ij")
     surface = _samples(ground, ground.heights, spacing, (nx, ny))
     rock = None if bedrock is None else (_samples(ground, bedrock, spacing, (nx, ny)), bedrock(*plan))
     positions, shares = [], []
-    rows = max(AT_ONCE // (ny * nz), 1)
+    rows = _rows(ny, nz)
     for part in (slice(start, start + rows) for start in range(0, nx, rows)):
         share = _below(surface[:, part], nz)
         if rock is not None:
@@ -77,6 +76,32 @@ def boxes(
         raise ValueError("the cuts leave no particle: draw the polygon larger, or take smaller particles")
     volume = array(np.asarray(np.prod(spacing), dtype) * of_box.astype(dtype), dtype)
     return Particles(array(np.concatenate(positions, axis=1), dtype), mass=volume, volume=volume)
+
+
+def points_held(ground: Ground, discretisation: Discretisation) -> float:
+    """How many points `boxes` has in memory at once, estimated upwards.
+
+    Args:
+        ground: in three dimensions.
+        discretisation: with the spacing of the points.
+
+    Returns:
+        As many as there are numbers of its parts of the lattice and its samples of surfaces, over the fifteen numbers
+        of a point.
+    """
+    nx, ny, nz = _counts(ground, discretisation.spacing)
+    return 3 * min(_rows(ny, nz), nx) * ny * nz + 2 * SAMPLED**2 * nx * ny
+
+
+def _counts(ground: Ground, spacing: tuple[float, ...]) -> tuple[int, int, int]:
+    """Boxes along each axis."""
+    (dx, dy, dz), (length, width, height) = spacing, ground.extent
+    return round(length / dx), round(width / dy), math.ceil(height / dz * (1 - 1e-12))
+
+
+def _rows(across: int, up: int) -> int:
+    """Rows of columns that are looked at together."""
+    return max(AT_ONCE // (across * up), 1)
 
 
 def _samples(ground: Ground, heights: Heights, spacing: tuple[float, ...], columns: tuple[int, int]) -> np.ndarray:

@@ -42,6 +42,21 @@ def volume(ground: Ground) -> float:
     return float(np.mean(_surface(ground) - ground.corner[-1]) * math.prod(ground.extent[:-1]))
 
 
+def points_held(ground: Ground, discretisation: Discretisation) -> float:
+    """How many points of the lattice in the ground's box are in memory at once while its particles are chosen.
+
+    Args:
+        ground: its own `points_held` is used if it has one, else it holds all points.
+        discretisation: with the spacing of the points.
+
+    Returns:
+        The number, for an estimate.
+    """
+    if hasattr(ground, "points_held"):
+        return ground.points_held(discretisation)
+    return math.prod(ground.extent) / math.prod(discretisation.spacing)
+
+
 def relief(ground: Ground) -> float:
     """Height of the ground's highest point above its lowest.
 

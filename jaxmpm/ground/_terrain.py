@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxmpm.grid import Grid
 from jaxmpm.ground._base import NEAR, boundary_of_base, check_bedrock, normals
-from jaxmpm.ground._boxes import SAMPLED, boxes
+from jaxmpm.ground._boxes import SAMPLED, boxes, points_held
 from jaxmpm.ground._fill import REMEDY, box_cells, box_grid, nodes_in_plan
 from jaxmpm.ground._layer import Box, Layer, labels
 from jaxmpm.ground._polygon import beyond_edge, check_polygon, filled_beyond, in_polygon
@@ -240,6 +240,10 @@ class Terrain:
         check_discretisation(discretisation, 3)
         self.check()
         return box_cells("the terrain", self, discretisation)
+
+    def points_held(self, discretisation: Discretisation) -> float:
+        """Points of the lattice that are in memory at once, as `jaxmpm.ground.points_held`."""
+        return points_held(self, discretisation)
 
     def layer_of(self, layers: Sequence[Layer], position: np.ndarray, discretisation: Discretisation) -> np.ndarray:
         """Number (N,) int, from 0, of the layer in which the centre of a box's part under the surface lies.

@@ -1,5 +1,6 @@
 """Ground under a terrain model: shares of cut boxes, stress at depth, files of heights, and what is refused."""
 
+import math
 import tomllib
 import tracemalloc
 from dataclasses import replace
@@ -13,6 +14,7 @@ import jaxmpm as mpm
 from benchmarks.robustness.invented import LAYERED, TERRAIN
 from cooperative import runs
 from cooperative.example_scenes import begin
+from cooperative.runs._size import PER_PARTICLE, PER_POINT
 from cooperative.scene import parse, read_scene, to_toml
 from cooperative.scene._files import packed
 from jaxmpm.ground._boxes import boxes
@@ -78,6 +80,23 @@ def test_thin_soil_in_a_large_box_takes_little_memory(monkeypatch):
         assert tracemalloc.get_traced_memory()[1] < 20 * lattice  # bytes: less than three numbers a box
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize(("steep", "length", "width"), [(3.0, 60.0, 30.0), (0.01, 90.0, 90.0)])
+def test_the_points_that_a_terrain_holds_are_known_before_it_is_filled(steep, length, width, monkeypatch):
+    monkeypatch.setattr("jaxmpm.ground._boxes.AT_ONCE", 10**4)
+    rock = raster(lambda x, y: 200.0 - steep * x, length=length, width=width, step=10.0)
+    shape, fine = mpm.Terrain(replace(rock, heights=rock.heights + 2.0), base=-10.0, bedrock=rock), on_cells(2.0)
+    held = mpm.ground.points_held(shape, fine)
+    boxes(shape, fine, shape.modelled, shape.floor)  # which loads what it needs
+    tracemalloc.start()
+    try:
+        soil = boxes(shape, fine, shape.modelled, shape.floor)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert 0.2 < peak / (PER_POINT * held + PER_PARTICLE * soil.volume.size) < 1
+    assert held < math.prod(shape.extent) / math.prod(fine.spacing) / 2
 
 
 def test_the_stress_under_a_tilted_plane_bears_what_lies_above():
