@@ -2,10 +2,11 @@
 # Builds the engine for CUDA GPUs, tests it against XLA and float64, times it, and prints one table: at most eight minutes
 # on a machine with a GPU, nvcc, CMake and a JAX with CUDA. Nothing is installed: the library is left in the sources.
 #
-#   benchmarks/speed/on_gpu.sh [folder for the rows and logs]
+#   benchmarks/speed/on_gpu.sh [folder for the rows and logs [arguments of benchmarks.speed.on_gpu ...]]
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 OUT=${1:-out/on_gpu}
+[ $# -eq 0 ] || shift
 PYTHON=${PYTHON:-python3}
 mkdir -p "$OUT"
 export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}" PYTHONUNBUFFERED=1 TF_CPP_MIN_LOG_LEVEL=3
@@ -23,7 +24,7 @@ XLA_FLAGS= timeout 150 "$PYTHON" -m pytest -q -n 0 -p no:cacheprovider tests/jax
 tail -15 "$OUT/tests.log"
 
 rm -f "$OUT/rows.jsonl"
-timeout 240 "$PYTHON" -m benchmarks.speed.on_gpu --out "$OUT/rows.jsonl" >"$OUT/timing.log" 2>&1 || tail -20 "$OUT/timing.log"
+timeout 240 "$PYTHON" -m benchmarks.speed.on_gpu --out "$OUT/rows.jsonl" "$@" >"$OUT/timing.log" 2>&1 || tail -20 "$OUT/timing.log"
 "$PYTHON" -c '
 import json, sys
 for line in open(sys.argv[1]):

@@ -114,7 +114,8 @@ def test_the_build_refuses_instruction_sets_that_it_does_not_know(tmp_path):
 
 @pytest.mark.skipif(CMAKE is None or COMPILER is None, reason="no CMake or no C++ compiler")
 @pytest.mark.parametrize(
-    ("plugin", "asked", "built"), [(False, "auto", False), (True, "auto", True), (True, "off", False)]
+    ("plugin", "asked", "built"),
+    [(False, "auto", False), (True, "auto", True), (True, "off", False), (False, "on", True)],
 )
 def test_kernels_for_gpus_are_built_where_jax_has_a_cuda_plugin(plugin, asked, built, tmp_path):
     """With nvcc on the machine: a checkout without a GPU does not wait for them, a wheel has none."""
