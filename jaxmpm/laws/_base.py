@@ -74,7 +74,7 @@ def reduce_strength(material: Kind, factor: Array) -> Kind:
 
 
 def stiffened(material: Kind, bulk: Array, shear: Array, pressure: Array) -> Kind:
-    """A law with other moduli, whose strength is the same: what a limit load is sought with.
+    """A law with other moduli and the same strength, by which a limit load is found.
 
     A law whose strains at failure follow from other numbers than the moduli has a method of this name and these
     arguments, which scales them too.

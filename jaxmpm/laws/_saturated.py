@@ -34,7 +34,7 @@ B_VALUE = Parameter(least=0.0, below=1.0)
 
 
 def pressure_left(growth: Array) -> Array:
-    """Share of the pore pressure at rest that soil retains which has opened.
+    """Share of the pore pressure at rest that opened soil retains.
 
     Args:
         growth: of its volume, as a logarithm (N,).
@@ -64,8 +64,8 @@ class Saturated:
     """Soil of effective stress with water in its voids that neither leaves nor enters: undrained.
 
     Water resists a change of the soil's volume with the modulus K B / (1 - B), K the bulk modulus of the skeleton.
-    Under a change of the mean total stress of an elastic skeleton its pressure so changes by B of that, and skeleton
-    that contracts by d under shear raises it by B K d: du = B (dp + K d). The law's stress is the effective stress of
+    So its pressure changes by B times a change of the mean total stress of an elastic skeleton, and rises by B K d as
+    the skeleton contracts by d under shear: du = B (dp + K d). The law's stress is the effective stress of
     the skeleton less the change of pore pressure since the soil was at rest, so that what acts on the grid is total
     stress. The skeleton bears what its law allows, so that water bears at most the whole mean stress: soil without
     cohesion is then liquefied.
@@ -194,7 +194,7 @@ def of_skeleton(history: History) -> History:
 
 
 def with_skeleton(history: History, skeleton: History) -> History:
-    """The history with another one of the skeleton.
+    """The history with another history of the skeleton.
 
     Args:
         history: of the law of a scene.

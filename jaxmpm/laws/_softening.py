@@ -129,8 +129,7 @@ class ExponentialSoftening:
 class LossInTime:
     """Loss of undrained strength over time, whatever the strain: S = S_0 (1 - (1 - r) t / duration), at least r S_0.
 
-    So does sand that liquefies lose strength, by water that shaking has pressed out of its grains' way: Seed (1979),
-    doi:10.1680/geot.1979.29.3.215.
+    Sand that liquefies under shaking loses strength so: Seed (1979), doi:10.1680/geot.1979.29.3.215.
 
     Args:
         residual_ratio: r, strength that stays over strength at the start, in [0, 1].

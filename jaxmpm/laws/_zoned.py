@@ -292,7 +292,7 @@ def _(law: Zoned, time: Array) -> Zoned:
 
 
 def weakens_until(law: Material) -> Array | None:
-    """Time (s) at which the last soil has lost what it loses over time; None where none loses strength so.
+    """Time (s) at which the last loss of strength over time ends; None without such a loss.
 
     Args:
         law: of the scene.

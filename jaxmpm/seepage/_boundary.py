@@ -138,11 +138,11 @@ class Condition(Protocol):
 @pytree
 @dataclass(frozen=True)
 class Open:
-    """Faces in air or under a pool, where the solver finds what enters, runs off, evaporates and seeps out.
+    """Faces in air or under a pool; the solver finds how much water enters, runs off, evaporates and seeps out.
 
-    Under the level the head is that of the pool. Above it rain enters at its rate unless the surface is ponded, and
-    what is saturated seeps out: inflow is the smaller one of rain and of what a head at the surface drives. A negative
-    rate is evaporation, of which soil at its driest gives no more than flows to the surface.
+    Below the level the head is that of the pool. Above it rain enters at its rate unless the surface is ponded, and
+    saturated soil seeps: the inflow is the smaller of the rain and of the flow that a head at the surface drives. A
+    negative rate is evaporation; soil at its driest gives no more than flows to the surface.
 
     Args:
         places: the faces.
@@ -233,7 +233,7 @@ class Draining:
 @pytree
 @dataclass(frozen=True)
 class Drain:
-    """Pipes in cells, into which water flows while its head there is above theirs, and from which none comes back.
+    """Pipes in cells. Water flows into a pipe while the head in its cell is above the pipe's, and never back.
 
     The flow to a pipe that is far thinner than its cell follows from the mean head of the cell.
 
@@ -270,7 +270,7 @@ AnyCondition: TypeAlias = Open | Held | Draining | Drain
 
 @dataclass(frozen=True)
 class AtSide:
-    """A condition for cells that are still to be given.
+    """A condition at a side, which `problem` makes for its cells.
 
     Args:
         side: of the cells; None for one inside.

@@ -72,14 +72,14 @@ class Flow:
     Args:
         problem: that was solved.
         times: (n,) s.
-        head: pressure heads (n, ...) m of the cells; of times that were not reached those of the last step.
+        head: pressure heads (n, ...) m of the cells; at times that the flow did not reach those of the last step.
         status: () of `FlowStatus`.
         record: what each step did.
         steps: () number of steps.
-        tries: () number of steps with those that were done anew.
+        tries: () number of steps, those repeated included.
         reached: (n,) steps up to each time.
         stopped: () time of the last step (s).
-        worst: () number of the cell that left over most in a step that did not converge.
+        worst: () number of the cell with the largest residual in a step that did not converge.
     """
 
     problem: Problem
@@ -421,10 +421,10 @@ def _replayed(problem: Problem, head: Array, durations: Array) -> Array:
 
 
 def steady(problem: Problem, initial: ArrayLike, *, time: float = 0.0) -> tuple[Array, Array]:
-    """Steady flow, with what rain, levels and heads are at a time.
+    """Solve for steady flow under the rain, levels and heads of one time.
 
-    Steps of growing length lead from the initial state to it; the last one is endless. The answer may be
-    differentiated; it does not depend on the initial state.
+    Steps of growing length lead from the initial state to it; the last one is of infinite length. The answer is
+    differentiable, and does not depend on the initial state.
 
     Args:
         problem: of flow.

@@ -21,7 +21,7 @@ from jaxmpm.types import Scene
 
 
 def suction_pressure(head: ArrayLike, retention: Retention | None, unit_weight: float = WATER_WEIGHT) -> np.ndarray:
-    """What is taken off the total stress: pore pressure, above the water table times the effective saturation.
+    """Pressure that total stress has over effective stress: pore pressure, times the saturation above the water table.
 
     Args:
         head: pressure heads (N,) m.
@@ -46,20 +46,19 @@ def with_pressure(
     dry_weight: ArrayLike | None = None,
     unit_weight: float = WATER_WEIGHT,
 ) -> Scene:
-    """The scene under pore pressures that stay with the soil.
+    """The scene with pore pressures that stay with the soil.
 
-    Stress is then effective stress, with the suction stress of Lu and Likos (2004) where there is a retention. A slide
-    carries its pressure along, as far as its soil does not open. The stress at rest is still to be solved for,
-    `jaxmpm.at_rest`.
+    Stress is then effective stress, with the suction stress of Lu and Likos (2004) where there is a retention. Soil
+    that slides keeps its pressure unless it opens. Call `jaxmpm.at_rest` for the stress at rest under them.
 
     Args:
         scene: of soil with friction, built with its pool as water, and with none else.
         heads: pressure heads of a flow or a table at one time.
         retention: of the particles, with one value or (N,) of each number; None leaves suction out.
         suction: whether it holds grains together.
-        level: of the pool that the scene was built with (m), None for none.
-        dry_weight: unit weight of the soil without its water (N,) N/m3, nan where weight does not follow the water;
-            None for nowhere. It needs a retention.
+        level: of the pool of the scene as it was built (m), None for none.
+        dry_weight: unit weight of the soil without its water (N,) N/m3, nan where the weight does not change with the
+            water; None if it changes nowhere. It needs a retention.
         unit_weight: of water under the scene's gravity (N/m3).
 
     Returns:
