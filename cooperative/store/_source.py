@@ -128,13 +128,21 @@ def check_bounds(where: str, tables: Mapping[str, object]) -> None:
             )
 
 
+MISTAKES = {
+    r'"[^"]*\\': "a backslash in double quotes begins a special character; write folders of a path with / in between",
+    r"=[\s\[]*[\u2018-\u201f\u00ab\u00bb]": 'a text stands between straight quotation marks, as in "clay"',
+    r"^[^\"]*[\u00a0\u2000-\u200b\u202f\u3000]": "the line has a special blank of word processors: type a plain one",
+    r"=\s*[-+]?\d+,\d+\s*(#.*)?$": "a point marks decimals, as in 10.5",
+    r"^\s*[\w.]+\s*:": "a key and its value have = between them",
+}
+"""What is usually wrong in a line that is no TOML, as a pattern, and what to do."""
+
+
 def _remedy(text: str, error: str) -> str:
-    """What to do about a line that is no TOML: it may have a backslash in double quotes, as paths of Windows do."""
+    """What to do about the line of an error."""
     at = re.search(r"at line (\d+)", error)
-    line = "" if at is None else text.split("\n")[int(at[1]) - 1 : int(at[1])]
-    if line and re.search(r'"[^"]*\\', line[0]):
-        return "a backslash in double quotes begins a special character; write folders of a path with / in between"
-    return "write it as toml.io says"
+    line = "".join(text.split("\n")[int(at[1]) - 1 : int(at[1])]) if at else ""
+    return next((remedy for mark, remedy in MISTAKES.items() if re.search(mark, line)), "write it as toml.io says")
 
 
 def table_of(tables: Mapping[str, object], name: str) -> Mapping[str, object]:

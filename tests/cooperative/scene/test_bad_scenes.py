@@ -181,6 +181,26 @@ def test_a_path_of_windows_is_named_by_its_backslash(value, why, tmp_path):
         read_scene(path)
 
 
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("t_end = 3,5", "a point marks decimals"),
+        ("t_end = -3,5  # s", "a point marks decimals"),
+        ("name = \u201cclay\u201d", "straight quotation marks"),
+        ("name = \u00abclay\u00bb", "straight quotation marks"),
+        ("t_end\u00a0= 3", "a special blank"),
+        ("t_end: 3", "have = between them"),
+        ("t_end = ", "write it as toml.io says"),
+        ('name = "\u201cclay\u201d\u00a0: 1,5" x', "write it as toml.io says"),
+    ],
+)
+def test_what_is_usually_wrong_in_a_line_that_is_no_toml_is_said(line, why, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(f"# run\n{line}\n[run]\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=f"not valid TOML .*at line 2.*: .*{why}"):
+        read_scene(path)
+
+
 def test_a_file_that_cannot_be_read_for_another_reason_has_no_backslash(tmp_path):
     path = tmp_path / "scene.toml"
     for text in ('[ground]\nsurface = "my data/none.csv"\n', "[ground]\nsurface = \n"):
