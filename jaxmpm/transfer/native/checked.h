@@ -140,15 +140,6 @@ std::string check(Checked& c, const Attributes& given, ffi::AnyBuffer position, 
   return wrong;
 }
 
-// What is wrong with the rows of columns, an array with the leading axes of a position.
-std::string check_first(const Plan& plan, ffi::AnyBuffer first, ffi::AnyBuffer position) {
-  const auto of = first.dimensions(), at = position.dimensions();
-  int64_t columns = 1;
-  for (int axis = 0; axis + 1 < plan.dimension; ++axis) columns *= plan.shape[axis];
-  const bool fits = first.element_type() == ffi::S32 && of.size() == at.size() && of.size() >= 2;
-  return fits && of[of.size() - 2] == 1 && of[of.size() - 1] == columns ? "" : "there is not one row for each column";
-}
-
 // What is wrong with the leading axes of arrays that a batch of lanes reads: each is the batch's, or 1.
 std::string check_lanes(const std::vector<ffi::AnyBuffer>& read, ffi::AnyBuffer::Dimensions batch) {
   for (const ffi::AnyBuffer& buffer : read) {

@@ -51,6 +51,15 @@ void add_rows(const std::vector<ffi::AnyBuffer>& blocks, ffi::AnyBuffer::Dimensi
   }
 }
 
+// What is wrong with the rows of columns, an array with the leading axes of a position.
+std::string check_first(const Plan& plan, ffi::AnyBuffer first, ffi::AnyBuffer position) {
+  const auto of = first.dimensions(), at = position.dimensions();
+  int64_t columns = 1;
+  for (int axis = 0; axis + 1 < plan.dimension; ++axis) columns *= plan.shape[axis];
+  const bool fits = first.element_type() == ffi::S32 && of.size() == at.size() && of.size() >= 2;
+  return fits && of[of.size() - 2] == 1 && of[of.size() - 1] == columns ? "" : "there is not one row for each column";
+}
+
 // What a transfer takes after its positions, and its nodes where it reads them: `first`, if `stored`, and blocks of rows.
 struct Rest {
   std::vector<ffi::AnyBuffer> first, blocks;
