@@ -127,6 +127,9 @@ def control_variate(
         raise ValueError(f"{len(refined)} refined runs in {FOLDS} folds: give at least {2 * FOLDS} runs")
     rank = np.argsort(rank_samples(rough_displacement).order)
     score = normal_scores(np.ones(count))[rank]
+    # Samples of one displacement share a score: in the order of their numbers the first, which ran, would seem worse.
+    _, alike = np.unique(np.where(np.isfinite(rough_displacement), rough_displacement, np.inf), return_inverse=True)
+    score = (np.bincount(alike, score) / np.bincount(alike))[alike]
     centre = rough_centre(rough_displacement, np.ones(count), failure_displacement)
     runs = np.fromiter(sorted(refined), dtype=int)
     failed = as_answers([refined[int(run)] for run in runs]).astype(float)

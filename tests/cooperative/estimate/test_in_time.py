@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from cooperative.estimate import Bracket, critical_factor, first_guess, in_time, record_lows, wilson_interval
 
@@ -69,3 +70,20 @@ def test_refined_runs_correct_the_rough_ones():
     everything = {n: int(refined[n]) for n in range(400)}
     exact = in_time(late, everything, None, 3)
     assert [each.probability for each in exact] == pytest.approx(truth[-1])
+
+
+@pytest.mark.parametrize("audited", [10, 40])
+def test_where_the_first_runs_agree_samples_of_one_class_count_alike(audited):
+    """Laplace's share is left to those that may differ, and no class of equal factors leans on the numbers of its
+    samples."""
+    differs = stats.beta(1, audited + 1).mean()  # of a share that may be anything, after as many that agree
+    error, scatter = [], []
+    for seed in range(20):
+        first = np.random.default_rng(seed).integers(0, 4, 200)
+        agree = {n: int(first[n]) for n in range(audited)}
+        for at, each in enumerate(in_time(first, agree, None, 3)):
+            error.append(each.probability - (first <= at).mean())
+            if 0 < sum(when <= at for when in agree.values()) < audited:
+                scatter.append(each.audit_variance)
+    assert min(scatter) == pytest.approx(differs * (1 - differs) * (1 / audited - 1 / 200))
+    assert abs(np.mean(error)) < 0.02
