@@ -187,6 +187,7 @@ def done(tmp_path_factory):
     return folder, run(SHORT, folder)
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_it_runs_goes_on_and_is_reported_from_its_folder_alone(done):
     folder, summary = done
     assert read_store(folder).source.text is None
@@ -251,6 +252,7 @@ class Hill(mpm.Section):
     """Ground of a script's own."""
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_ground_of_ones_own_is_reported_drawn_and_exported_from_the_folder_alone(tmp_path):
     strata = tuple(
         SiteLayer(name, mpm.Layer(replace(CLAY, unusual=True), depth=depth), SHORT.random, rock=False)

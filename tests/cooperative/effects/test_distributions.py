@@ -1,12 +1,14 @@
 """Fits of known samples, against closed forms and against the truth; severity with its uncertainty."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize, special, stats
 
-from cooperative.estimate import fit_distributions, severity_ranking
+from cooperative.estimate import _fits, fit_distributions, severity_ranking
 from cooperative.estimate._fits import CANDIDATES
 
 TRUTHS = {
@@ -141,3 +143,21 @@ def test_weighted_severity_is_that_of_what_the_values_stand_for():
     weighted = severity_ranking(groups, statistic=np.mean, weights={"a": np.array([1.0, 9.0]), "b": np.ones(2)})
     assert weighted[0].group == "a"
     assert weighted[0].middle == pytest.approx(8.2, abs=0.1)
+
+
+def test_a_family_that_does_not_fit_is_named_and_the_others_are_fitted(monkeypatch):
+    values = TRUTHS["gamma"].rvs(100, random_state=5)
+    whole = fit_distributions(values)
+    fit = _fits._fit
+
+    def but_not(failing, error):
+        return lambda name, *others: (_ for _ in ()).throw(error) if name in failing else fit(name, *others)
+
+    for error in (stats.FitError("no maximum"), ZeroDivisionError("no maximum")):
+        monkeypatch.setattr(_fits, "_fit", but_not({"Weibull"}, error))
+        without = fit_distributions(values)
+        assert [each.name for each in without.fits] == [each.name for each in whole.fits if each.name != "Weibull"]
+        assert any(re.match(r"Weibull does not fit values from .* \(no maximum\)", note) for note in without.notes)
+    monkeypatch.setattr(_fits, "_fit", but_not(set(CANDIDATES), stats.FitError("no maximum")))
+    assert fit_distributions(values).fits == ()
+    assert len(fit_distributions(values).notes) == len(CANDIDATES)

@@ -45,6 +45,10 @@ def test_it_is_the_largest_displacement_that_so_much_soil_has(slope):
         # Half the smallest particle is left to rounding.
         assert measured == brute(displacement, volume.astype(float), least - volume.min() / 2)
         assert measured == exceeded(displacement, volume, least)
+    for least in rng.uniform(0.3, 9.0, 300):
+        assert exceeded(displacement, volume, least) == brute(
+            displacement, volume.astype(float), least - volume.min() / 2
+        )
     assert float(diagnostics.exceeded_displacement(scene, state, 1e-3)) == displacement.max()
     assert float(diagnostics.exceeded_displacement(scene, state, 1e6)) == displacement.min()
     with pytest.raises(ValueError, match="volume = 0: give a finite value above 0"):

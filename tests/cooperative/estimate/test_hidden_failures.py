@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import norm
+from scipy.stats import norm, poisson
 
 from cooperative.estimate import (
     AuditPlan,
@@ -12,10 +12,7 @@ from cooperative.estimate import (
     two_phase,
     wilson_interval,
 )
-from cooperative.estimate._audit import (
-    draw_wave,
-    hidden_limit,
-)
+from cooperative.estimate._audit import RARELY, Surprise, draw_wave, hidden_limit
 from tests.cooperative.estimate.test_twophase import answers, pair
 
 
@@ -111,6 +108,12 @@ def test_no_draw_meets_what_is_hidden_more_rarely_than_the_limit_says(seed, leve
     assert chance <= (1 - level) ** (weight[hiding].sum() / limit) * (1 + 1e-9) or limit == pytest.approx(
         weight[below].sum()
     )
+
+
+@given(failed=st.integers(0, 12), expected=st.floats(1e-3, 12.0))
+def test_ranks_mislead_where_poissons_law_rarely_brings_as_many_failures(failed, expected):
+    rare = poisson.pmf(np.arange(failed), expected).sum() > 1 - RARELY
+    assert Surprise(20, failed, expected).misled == rare
 
 
 def test_ranks_that_mislead_are_noted_loudly():

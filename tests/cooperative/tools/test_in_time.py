@@ -305,7 +305,7 @@ def test_a_kill_loses_no_answer(asked, screened, tmp_path):
     assert progress_in_time(tmp_path).grids[0].done == 12
 
 
-@pytest.mark.usefixtures("asked", "screened")
+@pytest.mark.usefixtures("asked", "screened", "unrendered")
 def test_a_folder_is_read_again_without_a_run(tmp_path, monkeypatch, capsys):
     """status, report, export and resume of the folder and of its `slides` give what the first call gave."""
     campaign = replace(rising(), hazard=Hazard())

@@ -211,6 +211,35 @@ def test_bad_numbers_are_refused_naming_value_and_limit(section, call, message):
         call(*section)
 
 
+GRID = mpm.Grid((6, 5), 1.0, (0.0, 0.0))
+PARTICLES = mpm.Particles(jnp.array([[2.25, 2.75], [2.25, 2.25]]), jnp.full(2, 500.0), jnp.full(2, 0.25))
+ROUGH = (mpm.Wall(1, "low", 1, "friction"),)
+MISFITS = {
+    "axes": ({"grid": mpm.Grid((6, 5, 4, 3), 1.0, (0.0,) * 4)}, "give 1, 2 or 3 axes"),
+    "shapes": ({"particles": replace(PARTICLES, mass=jnp.ones(3))}, r"mass \(3,\).*: give \(2, N\), \(N,\)"),
+    "precisions": ({"particles": replace(PARTICLES, mass=np.full(2, 500.0))}, "mix float32, float64: give all"),
+    "outside": ({"particles": replace(PARTICLES, position=PARTICLES.position + 9)}, "enlarge the grid by a cell"),
+    "no wall": ({"boundary": mpm.Boundary(walls=(1,))}, r"walls hold 1: give Wall\("),
+    "no axis": ({"boundary": mpm.Boundary(walls=(mpm.Wall(2, "low", 1, "fixed"),))}, "no such axis or node"),
+    "no side": ({"boundary": mpm.Boundary(walls=(mpm.Wall(1, "left", 1, "fixed"),))}, "side is 'low' or 'high'"),
+    "smooth": ({"boundary": mpm.Boundary(friction=0.5)}, "give it with, and only with, walls of 'friction'"),
+    "nothing holds": ({"boundary": mpm.Boundary(cohesion=1e3)}, "without walls of 'friction' or a base: leave them"),
+    "nodes": ({"boundary": mpm.Boundary(walls=ROUGH, friction=jnp.ones(7))}, r"shape \(7,\): give a number or \(30,\)"),
+    "pressure": ({"boundary": mpm.Boundary(walls=ROUGH, friction=0.5, pressure=jnp.ones(7))}, r"give \(30,\), in Pa"),
+    "cut": ({"boundary": mpm.Boundary(cut=np.ones(30))}, r"give \(30,\), one bool for each node"),
+    "cell": ({"discretisation": mpm.Discretisation(2.0, (0.5, 0.5))}, "cells of 1 m: give the same"),
+    "engine": ({"engine": "xla"}, "engine = 'xla': give a member of Engine"),
+}
+
+
+@pytest.mark.parametrize(("parts", "message"), MISFITS.values(), ids=MISFITS)
+def test_parts_that_do_not_fit_each_other_make_no_scene(parts, message):
+    law = mpm.laws.DruckerPrager(*map(jnp.asarray, (5e6, 3e6, 1e4, 0.4, 0.0)))
+    fitting = {"particles": PARTICLES, "grid": GRID, "material": law, "discretisation": NUMERICS}
+    with pytest.raises(ValueError, match=message):
+        mpm.scene(**fitting | parts)
+
+
 def test_a_law_of_the_users_own_is_held_to_its_own_limits(section):
     @mpm.pytree
     @dataclass(frozen=True)
