@@ -26,6 +26,7 @@ from cooperative.store import SLIDES_IN_TIME, FinishedRun, open_store
 from cooperative.tools.in_time._kept import Kept
 from cooperative.tools.safety import Method, Slices, critical_surface, sample_strength, slices_at_rest
 from cooperative.tools.seepage import in_hours
+from jaxmpm.support.text import printable
 
 FEWEST = 20
 """Refined samples at least."""
@@ -391,3 +392,18 @@ def screened(runner: StateRunner, progress: Callable[[str], None]) -> np.ndarray
         runner.stop.check()
     progress(f"slices: {samples} samples in {count} states of the water on {len(surfaces)} surfaces")
     return runner.kept.screen(factors)
+
+
+def first_lines(name: str, samples: int, refined: int, taken: Mapping[str, int]) -> Iterator[str]:
+    """The first lines of an answer, for a terminal: the campaign's name, and what ran.
+
+    Args:
+        name: of the campaign.
+        samples: that ran on the rough grid.
+        refined: that ran on the refined one too.
+        taken: runs on each grid.
+    """
+    yield printable(name)
+    grids = f"{samples} samples on the rough grid, {refined} of them on the refined one"
+    each = taken["rough"] / max(samples, 1)
+    yield f"  runs       {grids}; {taken['rough']} and {taken['refined']} runs, {each:.2g} a sample"

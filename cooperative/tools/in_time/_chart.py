@@ -21,12 +21,12 @@ from cooperative.tools.in_time._answer import (
     WaterState,
     audited_samples,
     first_failures,
+    first_lines,
     noted,
     running,
     screened,
 )
 from cooperative.tools.seepage import MM_PER_HOUR, in_hours
-from jaxmpm.support.text import printable
 
 CHANCES = (0.1, 0.5, 0.9)
 """Probabilities of failure whose lines a chart has."""
@@ -295,11 +295,7 @@ def chart_lines(result: Chart) -> Iterator[str]:
     Args:
         result: of `probability_chart`.
     """
-    samples = len(result.rough)
-    yield printable(result.campaign.name)
-    grids = f"{samples} samples on the rough grid, {len(result.refined)} of them on the refined one"
-    total = result.runs["rough"] / max(samples, 1)
-    yield f"  runs       {grids}; {result.runs['rough']} and {result.runs['refined']} runs, {total:.2g} a sample"
+    yield from first_lines(result.campaign.name, len(result.rough), len(result.refined), result.runs)
     if result.durations is None:
         yield "  fall          P_f    (95 %)"
         for rate, (estimate,) in zip(result.rates, result.estimates, strict=True):

@@ -35,10 +35,10 @@ from cooperative.reporting import (
     units_of,
 )
 from cooperative.store import FAILED_AT, SLIDES_IN_TIME
-from cooperative.tools.in_time._answer import InTime
+from cooperative.tools.in_time._answer import InTime, first_lines
 from cooperative.tools.in_time._slides import SlidesInTime
 from cooperative.tools.seepage import clock, csv_text, draw_load, in_hours, write_texts
-from jaxmpm.support.text import literal, printable
+from jaxmpm.support.text import literal
 
 COLOURS = dict(zip((*SEVERITY, "none"), ("#D55E00", "#CC79A7", "#0072B2", "#009E73", "#777777"), strict=True))
 MEASURES = ("displacement", "depth", "runout", "volume", "area")
@@ -320,11 +320,7 @@ def lines(result: InTime, slides: SlidesInTime | None = None) -> Iterator[str]:
         result: of `probability_in_time`.
         slides: of `slides_in_time`, None without.
     """
-    campaign, samples = result.campaign, result.rough.size
-    yield printable(campaign.name)
-    grids = f"{samples} samples on the rough grid, {len(result.refined)} of them on the refined one"
-    total = result.runs["rough"] / max(samples, 1)
-    yield f"  runs       {grids}; {result.runs['rough']} and {result.runs['refined']} runs, {total:.2g} a sample"
+    yield from first_lines(result.campaign.name, result.rough.size, len(result.refined), result.runs)
     yield "  time       P_f    (95 %)            fail first"
     for at, (time, estimate) in enumerate(zip(result.times, result.estimates, strict=True)):
         low, high = estimate.interval
