@@ -11,7 +11,7 @@ import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ import shapely
 import jaxmpm as mpm
 from benchmarks.public.rows import Row, row
 from cooperative.tools import safety
-from jaxmpm import FrictionalSoil, Layer, Section
+from jaxmpm import FrictionalSoil, Layer, Raster, Section, Terrain
+from jaxmpm.setup import settled
 
 Made = Callable[[], list[Row]]
 Factor = Callable[[float, float], float]
@@ -113,10 +114,79 @@ def _top(shape: Any, at: list[float]) -> list[tuple[float, float]]:
     return [(x, round(span[1], 6)) for x, span in zip(at, spans, strict=True) if span is not None]
 
 
+@dataclass(frozen=True)
+class Nose:
+    """The slope in 3D whose two faces meet in a ridge at mid width, downhill towards -x.
+
+    Its soil is Mohr-Coulomb's, as the source's: no cone has the strength of that pyramid at every ratio of the
+    principal stresses, and those of a nose are not those of plane strain.
+
+    Args:
+        surface: z (m) of x and y (m).
+        back: z of the plane behind the cover, likewise.
+        soils: as the source has them: cover, the mass behind it, weak layer, foundation.
+        width: to model (m), of all of it or of the half on one side of the ridge, whose mirror image the rest is.
+        ends: along x (m).
+        tops: levels of the weak layer and of the foundation (m).
+    """
+
+    surface: Callable[[Any, Any], Any]
+    back: Callable[[Any, Any], Any]
+    soils: list[dict[str, Any]]
+    width: float
+    ends: tuple[float, float]
+    tops: tuple[float, float] = (30.0, 20.0)
+
+    def built(self, cell: float, lam: float) -> tuple[mpm.Scene, mpm.State]:
+        """Scene and state at rest between smooth walls and on a smooth base, the level ground longer by up to a cell.
+
+        Args:
+            cell: m, a whole number of which the width has.
+            lam: divides the strength.
+        """
+        west, east = self.ends
+        west = east - math.ceil((east - west) / cell - 1e-9) * cell
+        step = cell / math.ceil(2 * cell)
+        x, y = (step * np.arange(round(length / step) + 1) for length in (east - west, self.width))
+        at = np.meshgrid(west + x, y, indexing="ij")
+
+        def raster(heights: Any) -> Raster:
+            return Raster(np.broadcast_to(heights, at[0].shape), (west, 0.0), step)
+
+        top, (weak, firm) = self.surface(*at), self.tops
+        bottoms = [raster(np.minimum(self.back(*at), top)), raster(weak), raster(firm), None]
+        soils = [soil_of(each, lam, 1.0) for each in self.soils]
+        layers = [Layer(soil, bottom) for soil, bottom in zip(soils, bottoms, strict=True)]
+        numerics = mpm.Discretisation(cell, (cell / 2,) * 3, flip=0.95)
+        scene, state = mpm.terrain(Terrain(raster(top), base=0.0), layers, numerics, at_rest=False)
+        smooth = tuple(replace(wall, hold="roller") for wall in scene.boundary.walls)
+        scene = replace(scene, boundary=replace(scene.boundary, walls=smooth))
+        return scene, settled(scene, state)
+
+
+def nose(data: Path, *, whole: bool = False) -> Nose:
+    """The slope in 3D; `whole` with both sides of its ridge, whose limit is the same."""
+    given = json.loads((data / "slopes_petsc" / "heterogeneous_3d.json").read_text())
+    (crest, *_), ridge, (_, width) = given["surface"]["crest_line_xy_m"][:3]
+    (toe, _), _, _ = given["surface"]["toe_line_xy_m"]
+    low, high = given["surface"]["foundation_top_z_m"], given["surface"]["crest_z_m"]
+
+    def face(x: Any, y: Any, moved: float = 0.0) -> Any:
+        lead = (ridge[0] - crest) * (1 - np.abs(2 * y / width - 1))
+        return low + (high - low) * np.clip((x - moved - toe - lead) / (crest - toe), 0, 1)
+
+    cover, foundation, weak, mass = given["soil"]
+    soils = [cover, mass, weak, foundation]
+    return Nose(face, partial(face, moved=5.0), soils, width if whole else width / 2, tuple(given["extent_m"]["x"]))
+
+
 def by_limit_load(strata: Strata, cell: float, lam: float, weight: float) -> float:
     """Factor of safety by the limit load on cells of this size (m)."""
     numerics = mpm.Discretisation(cell, (cell / 2,) * 2, flip=0.95)
-    scene, state = mpm.section(strata.section, strata.layers(lam, weight), numerics)
+    return _kink(*mpm.section(strata.section, strata.layers(lam, weight), numerics))
+
+
+def _kink(scene: mpm.Scene, state: mpm.State) -> float:
     answer = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(0.8, 1.3), resolution=0.01, batch=6)
     assert answer.kink is not None
     return answer.kink
@@ -188,6 +258,22 @@ def plane(data: Path, name: str, kind: str, cell: float | None, finest: bool) ->
     ]
 
 
+SIDES = (9, 13)
+"""Cells over half the width of the slope in 3D, whose cover is no thinner than a particle on these."""
+
+
+def solid(data: Path, across: int, finest: bool) -> list[Row]:
+    """The factor of the slope in 3D, half of which runs, on so many cells over that half's width."""
+    start = time.perf_counter()
+    given = json.loads((data / "slopes_petsc" / "heterogeneous_3d.json").read_text())
+    theirs = given["ssr_mesh_study"]["farthest"]["P4 L1, control 9.92e6"]
+    slope = nose(data)
+    cell = slope.width / across
+    ours = at_limit(lambda lam: _kink(*slope.built(cell, lam)), theirs, tries=2)
+    case, quantity = "slope in 3D, a nose of four soils, strength reduction", "by limit load, finite elements at most"
+    return [row(case, quantity, ours, theirs, start, cell=round(cell, 2), figure="slopes_3d_error", finest=finest)]
+
+
 def cases(data: Path, quick: bool) -> dict[str, Made]:
     """The cases by name."""
     made: dict[str, Made] = {}
@@ -197,4 +283,6 @@ def cases(data: Path, quick: bool) -> dict[str, Made]:
             made[f"{name} {kind} slices"] = partial(plane, data, name, kind, None, False)
             for cell in cells:
                 made[f"{name} {kind} {cell}"] = partial(plane, data, name, kind, cell, cell == cells[-1])
+    for across in SIDES[:1] if quick else SIDES:
+        made[f"nose {across}"] = partial(solid, data, across, across == SIDES[-1])
     return made

@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -88,6 +89,46 @@ def test_zones_are_ordered_from_the_top_down(tmp_path):
     assert [each["zone"] for each in strata.soils] == ["high", "low"]
     assert strata.section.surface == [(0.0, pytest.approx(8)), (10.0, pytest.approx(4, abs=1e-5))]
     assert {z for _, z in strata.bottoms[0]} == {4.0}
+
+
+NOSE = {
+    "extent_m": {"x": [-175, 30]},
+    "surface": {
+        "foundation_top_z_m": 30,
+        "crest_z_m": 60,
+        "toe_line_xy_m": [[-120, 0], [-145, 40], [-120, 80]],
+        "crest_line_xy_m": [[-60, 0], [-85, 40], [-60, 80]],
+    },
+    "soil": [{"c_Pa": c, "phi_deg": 30.0, "unit_weight_saturated_N_m3": 2e4} for c in (1e4, 4e4, 3e4, 2e4)],
+}
+
+
+def test_half_of_the_nose_is_at_rest_as_each_half_of_all_of_it(tmp_path):
+    (tmp_path / "slopes_petsc").mkdir()
+    (tmp_path / "slopes_petsc" / "heterogeneous_3d.json").write_text(json.dumps(NOSE))
+    half, whole = slopes.nose(tmp_path), slopes.nose(tmp_path, whole=True)
+    assert half.surface(-145.0, 40.0) == 30
+    assert half.surface(-85.0, 40.0) == 60
+    assert half.surface(-90.0, np.array([0.0, 80.0])) == pytest.approx([45, 45])
+    assert half.back(-90.0, 0.0) == pytest.approx(42.5)
+
+    def found(nose):
+        """Of all particles: place, mass, cohesion and stress, in the order of their places."""
+        nose = replace(nose, back=lambda x, y: nose.surface(x - 40.0, y))  # as thick as its coarse particles
+        scene, state = nose.built(20.0, 1.2)
+        position, stress = np.asarray(scene.particles.position), np.asarray(state.stress)
+        cohesion = np.broadcast_to(scene.material.cohesion, position.shape[1])
+        every = np.concatenate([position, [scene.particles.mass, cohesion], stress[:3]])
+        return every[:, np.lexsort(np.round(position, 2))]
+
+    one, both = found(half), found(whole)
+    near, far = (both[:, both[1] < 40], both[:, both[1] > 40])
+    far[1] = 80 - far[1]
+    far = far[:, np.lexsort(np.round(far[:3], 2))]
+    assert len(np.unique(one[4])) == 4
+    for side in (near, far):
+        assert side[:5] == pytest.approx(one[:5], rel=1e-5, abs=1e-3)
+        assert side[5:] == pytest.approx(one[5:], abs=2e-3 * float(np.abs(one[5:]).max()))
 
 
 @pytest.mark.parametrize("stretch", [0.6, 0.9, 1.3, 2.0])
