@@ -2,13 +2,14 @@
 
 Each limit state is a function of standard normal numbers, the coefficients of a random field in a campaign. A sample
 fails where g < 0, and exp(-g / s) stands for its displacement, s the scatter of g about the median. Every estimator
-repeats 100 times: Monte Carlo with 100 / P_f samples, where these are at most 100,000; importance sampling with 1000
-samples around the design points; subset simulation with 8 runs of 500 samples a level down to P_f and an audit of 200;
-two-phase sampling and the control variate with the tangent of g at the median as the cheap model, where it has one and
-P_f is at least 0.003. `calls` are evaluations of g, those of gradients by differences and of the audit among them, and
-none of the tangent. `calls_for_10` is what a root mean square error of a tenth of P_f takes, if its square falls with
-the calls. OpenTURNS runs beside them as it comes, 20 times: Monte Carlo and subset sampling to a coefficient of
-variation of 0.1, and importance sampling around the design point of FORM.
+repeats 100 times, and 1000 times where its intervals held P_f less often than in 0.93 of these: Monte Carlo with 100 /
+P_f samples, where these are at most 100,000; importance sampling with 1000 samples around the design points; subset
+simulation with 8 runs of 500 samples a level down to P_f and an audit of 200; two-phase sampling and the control
+variate with the tangent of g at the median as the cheap model, where it has one and P_f is at least 0.003. `calls` are
+evaluations of g, those of gradients by differences and of the audit among them, and none of the tangent. `calls_for_10`
+is what a root mean square error of a tenth of P_f takes, if its square falls with the calls. OpenTURNS runs beside them
+as it comes, 20 times: Monte Carlo and subset sampling to a coefficient of variation of 0.1, and importance sampling
+around the design point of FORM.
 
 Source of the limit states: github.com/openturns/otbenchmark, after rprepo.readthedocs.io.
 """
@@ -153,6 +154,8 @@ MOST = 100_000
 """Samples of Monte Carlo at most."""
 LEAST = 0.003
 """P_f from which on some of 2000 samples fail."""
+TIMES, MORE, SELDOM = 100, 1000, 0.93
+"""Repetitions; those, the first ones among them, of an estimator whose intervals hold P_f less often than that."""
 
 
 @dataclass(frozen=True)
@@ -305,19 +308,28 @@ def repeated(
     """Coverage, error and calls of so many repetitions."""
     start = time.perf_counter()
     answers = [run(seed) for seed in range(times)]
-    coverage = np.mean([low <= pf <= high for low, high in (answer.interval for answer in answers)])
+    coverage = held_in(answers, pf)
     off = np.array([answer.probability for answer in answers]) / pf - 1
     calls, error = float(np.mean([answer.calls for answer in answers])), float(np.sqrt(np.mean(off**2)))
     case = f"{name}, {estimator}" + ("" if ours else " of OpenTURNS")
     shown = partial(row, case, start=start)
-    figure, off_by = "reliability_coverage_min" if ours else None, float(coverage) - 0.95
-    return [
-        shown("coverage of the 95 % interval", float(coverage), 0.95, difference=off_by, figure=figure, finest=ours),
+    figure = "reliability_coverage_min" if ours else None
+    rows = [
+        shown("coverage of the 95 % interval", coverage, 0.95, difference=coverage - 0.95, figure=figure, finest=ours),
         shown("mean P_f", pf * (1 + float(off.mean())), pf),
         shown("root mean square error over P_f", error, 0.0, difference=error),
         shown("calls", calls, 0.0, difference=calls),
         shown("calls for an error of 10 %", calls * (error / 0.1) ** 2, 0.0, difference=calls * (error / 0.1) ** 2),
     ]
+    if ours and times == TIMES and coverage < SELDOM:
+        coverage = held_in(answers + [run(seed) for seed in range(TIMES, MORE)], pf)
+        rows.insert(1, shown(f"coverage of {MORE} such intervals", coverage, 0.95, difference=coverage - 0.95))
+    return rows
+
+
+def held_in(answers: list[Answer], pf: float) -> float:
+    """Share of the answers whose interval holds P_f."""
+    return float(np.mean([low <= pf <= high for low, high in (answer.interval for answer in answers)]))
 
 
 def compared(data: Path, name: str, quick: bool) -> list[Row]:
@@ -329,7 +341,7 @@ def compared(data: Path, name: str, quick: bool) -> list[Row]:
     problem, pf = PROBLEMS[name], references[name]
     rows = []
     for estimator, run in estimators(problem, pf).items():
-        rows += repeated(name, estimator, run, pf, 5 if quick else 100, ours=True)
+        rows += repeated(name, estimator, run, pf, 5 if quick else TIMES, ours=True)
     try:
         import openturns  # noqa: F401
     except ImportError:

@@ -8,6 +8,7 @@ from scipy import stats
 
 from benchmarks.public import public, reliability
 from benchmarks.public.reliability import PROBLEMS, Answer
+from cooperative import monte_carlo
 
 EXACT = {
     "R-S": stats.norm.cdf(-2 / math.sqrt(2)),
@@ -51,6 +52,29 @@ def test_estimators_are_those_that_a_limit_state_suits():
     assert set(reliability.estimators(PROBLEMS["RP107"], 2.9e-7)) == {"importance sampling", "subset simulation"}
     assert "two-phase" not in reliability.estimators(PROBLEMS["RP75"], 0.0098)  # flat at the median
     assert {"two-phase", "control variate", "Monte Carlo"} <= set(reliability.estimators(PROBLEMS["RP53"], 0.031))
+
+
+def test_monte_carlo_holds_as_often_as_it_says():
+    pf = 0.003226681209587809  # of RP31
+    samples = math.ceil(100 / pf)
+    counts = np.arange(40, 180)
+    intervals = [monte_carlo(np.arange(samples) < count).interval for count in counts]
+    held = [low <= pf <= high for low, high in intervals]
+    assert float(stats.binom.pmf(counts, samples, pf) @ held) == pytest.approx(0.95, abs=2e-3)
+
+
+def test_an_estimator_that_seldom_holds_is_repeated_more_often_from_the_same_seeds():
+    def run(seed):
+        return Answer(0.1, (0.05, 0.05 if seed % 100 < 8 and seed < 500 else 0.15), 100)
+
+    def coverage(run, times):
+        rows = reliability.repeated("a", "b", run, 0.1, times, ours=True)
+        return {row["quantity"]: row["ours"] for row in rows if row["quantity"].startswith("coverage")}
+
+    seldom, of_all = "coverage of the 95 % interval", "coverage of 1000 such intervals"
+    assert coverage(run, 100) == {seldom: 0.92, of_all: 0.96}
+    assert coverage(run, 50) == {seldom: 0.84}  # too few to tell
+    assert coverage(lambda seed: run(seed + 500), 100) == {seldom: 1.0}
 
 
 def test_repetitions_are_counted():
