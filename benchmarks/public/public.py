@@ -8,6 +8,7 @@ so; of others that have not been made the row says "not run".
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -74,17 +75,21 @@ def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
     Raises:
         ValueError: If no case begins so.
     """
-    code = [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))]
-    stored = ROOT / "out" / "public" / code_digest(*code)
-    made = {name: make for family in FAMILIES.values() for name, make in family(data, quick).items()}
+    made = {name: (make, family) for family in FAMILIES.values() for name, make in family(data, quick).items()}
     chosen = beginning_so(made, only)
-    for name, make in made.items():
-        file = f"{name}{' quick' if quick else ''}"
+    for name, (make, family) in made.items():
+        stored, file = _stored(family), f"{name}{' quick' if quick else ''}"
         if name not in chosen and not (stored / f"{file}.json").is_file():
             yield without_answer(name)
             continue
         print(f"{name} ...", file=sys.stderr, flush=True)
         yield from stored_row(stored, file, partial(_made, make))["rows"]
+
+
+def _stored(family: Callable[..., object]) -> Path:
+    """Folder of a family's rows, by the code that makes them: a change of another family leaves them."""
+    code = [Path(inspect.getfile(made)).read_text() for made in (family, without_answer)]
+    return ROOT / "out" / "public" / code_digest(*code)
 
 
 def _made(make: Callable[[], list[Row]]) -> Row:

@@ -1,5 +1,6 @@
 """Comparisons with public answers: what is compared with what. The answers themselves stand outside the project."""
 
+import importlib
 import json
 import math
 import sys
@@ -32,6 +33,31 @@ def test_a_benchmark_without_data_of_others_refuses_them(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main()
     assert "size takes no --data: leave it out" in capsys.readouterr().err
+
+
+def test_a_change_of_one_family_leaves_the_rows_of_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(public, "ROOT", tmp_path)
+    for name in ("still", "changed"):
+        (tmp_path / f"{name}.py").write_text(f"made = 0\n{FAMILY}")
+    monkeypatch.syspath_prepend(tmp_path)
+    families = {name: importlib.import_module(name) for name in ("still", "changed")}
+    monkeypatch.setattr(public, "FAMILIES", {name: module.cases for name, module in families.items()})
+    list(public.rows(tmp_path, quick=False))
+    (tmp_path / "changed.py").write_text(f"made = 0  # otherwise\n{FAMILY}")
+    assert [row["ours"] for row in public.rows(tmp_path, quick=False)] == [1.0, 2.0]
+    assert [row["case"] for row in public.rows(tmp_path, quick=False, only=["still"])] == ["still", "changed"]
+
+
+FAMILY = """
+from benchmarks.public.rows import row
+def cases(data, quick):
+    return {__name__: make}
+def make():
+    global made
+    made += 1
+    return [row(__name__, "q", float(made), 1.0, 0.0)]
+"""
+"""A family of one case, whose answer counts how often it was made."""
 
 
 def test_figures_are_of_the_finest_rows_that_name_them():
