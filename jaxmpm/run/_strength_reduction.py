@@ -100,7 +100,8 @@ def factor_of_safety(
         t_end: duration (s); by the limit load, the longest one, of which three times sqrt(height / g) are used,
             twice that where soil softens.
         batch: lanes per round.
-        settle: rule by which a lane stands before t_end; None for the default of `Settle`. A limit load takes none.
+        settle: rule by which a lane stands before t_end; None for the default of `Settle` with `least_volume`. A limit
+            load takes none.
         least_volume: use the displacement that this volume (m3, in a section m2) has exceeded, instead of the largest.
             By the limit load None is 0.05 h^2, in 3D 0.05 h^3, h the relief of the ground.
         progress: called after each round of runs with its factors and their displacements (m).
@@ -144,11 +145,12 @@ def factor_of_safety(
             progress=progress,
         )  # fmt: skip
     scene = replace(scene, material=drained(scene.material))
+    settle, exceeds = settle or Settle(least_volume=least_volume), Exceeds(limit, least_volume)
     outcomes: dict[int, tuple[float, bool]] = {}
     points = sorted({round(p) for p in np.linspace(low, high, batch)})
     while points:
         factors = [p * resolution for p in points]
-        judged = _by_displacement(limit, scene, state, factors, t_end, settle or Settle(), least_volume)
+        judged = _by_displacement(exceeds, scene, state, factors, t_end, settle)
         outcomes |= zip(points, judged, strict=True)
         if progress is not None:
             progress(factors, [displacement for displacement, _ in judged])
@@ -174,14 +176,14 @@ def factor_of_safety(
 
 
 def _by_displacement(
-    limit: float, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle, volume: float | None
+    exceeds: Exceeds, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle
 ) -> list[tuple[float, bool]]:
     """Largest displacement (m) at each factor, and whether the slope exceeds the limit."""
     varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))
     lanes = repeat(state, len(factors))
-    rules = [replace(settle, least_volume=volume), Exceeds(limit, volume)]
-    result = solve(varied, lanes, t_end=t_end, rules=rules, axes=axes).raise_if_failed()
-    return [(u, u > limit) for u in np.asarray(farthest(varied, result.state, axes, volume)).tolist()]
+    result = solve(varied, lanes, t_end=t_end, rules=[settle, exceeds], axes=axes).raise_if_failed()
+    moved = np.asarray(farthest(varied, result.state, axes, exceeds.least_volume))
+    return [(u, u > exceeds.displacement) for u in moved.tolist()]
 
 
 def by_limit_load(

@@ -213,6 +213,20 @@ def test_displacements_that_fall_with_the_factor_are_no_bracket(monkeypatch):
         mpm.factor_of_safety(scene, state, bracket=(1.0, 2.0), resolution=0.5, batch=2)
 
 
+@pytest.mark.parametrize("settle", [mpm.Settle(least_volume=3.0), None])
+def test_a_rule_by_which_lanes_stand_is_taken_as_it_is(settle, monkeypatch):
+    scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
+    taken = []
+
+    def judged(exceeds, scene, state, factors, t_end, settle):
+        taken.append(settle)
+        return [(0.0, r > 1.5) for r in factors]
+
+    monkeypatch.setattr(importlib.import_module("jaxmpm.run._strength_reduction"), "_by_displacement", judged)
+    mpm.factor_of_safety(scene, state, bracket=(1.0, 2.0), resolution=0.5, batch=2, settle=settle, least_volume=5.0)
+    assert taken[0] == (settle or mpm.Settle(least_volume=5.0))
+
+
 @pytest.mark.slow
 def test_a_slide_ends_when_its_deposit_rests_though_it_rings():
     scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)
