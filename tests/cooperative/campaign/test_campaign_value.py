@@ -31,13 +31,13 @@ from cooperative import (
     Site,
     SiteLayer,
     export,
-    export_sample,
     read,
     read_store,
     report,
     run,
     runs,
 )
+from cooperative.exports import export_sample
 from cooperative.folder import read_results
 from cooperative.reporting._sentences import probability
 from cooperative.scene import Exposed, FromScript, _words, campaign_of, parse
