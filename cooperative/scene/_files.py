@@ -36,8 +36,6 @@ MOST_HEIGHTS = 150_000
 """Heights of a raster in a scene: half of the megabyte that a scene's text may have."""
 MOST_SAMPLES = 200_000
 """Samples of a record in a scene."""
-AGAIN = "run the scene's file"
-"""Remedy for a scene whose files are damaged."""
 
 
 @by_value
@@ -329,11 +327,9 @@ def unpacked(name: str, table: Any) -> Raster | BaseMotion:
     """
     try:
         content = _record(table) if "samples" in table else _raster(table)
-    except Invalid as error:
-        raise error.within("files", name) from error
     except (AttributeError, TypeError, KeyError, ValueError, OverflowError, zlib.error) as error:
         rule = f"is damaged ({shown(str(error))})"
-        raise Invalid((), f"files {shown(name)}", rule, AGAIN) from error
+        raise Invalid((), f"files {shown(name)}", rule, "run the scene's file") from error
     if isinstance(content, Raster):
         content.check(f"files {shown(name)}")
     return content
@@ -342,20 +338,19 @@ def unpacked(name: str, table: Any) -> Raster | BaseMotion:
 def _record(table: Any) -> BaseMotion:
     samples, interval = table["samples"], float(table["interval"])
     if not (isinstance(samples, int) and 2 <= samples <= MOST_SAMPLES and 0 < interval < np.inf):
-        rule = f"of {interval:g} s make no record of 2 to {MOST_SAMPLES} samples"
-        raise Invalid(("samples",), shown(samples), rule, AGAIN)
+        raise ValueError(f"{shown(samples)} samples, each {interval:g} s")
     values = from_text(table["acceleration"], "<f4", (len(tables.AXES), samples))
     if not np.isfinite(values).all():
-        raise Invalid(("acceleration",), None, "has numbers that are not finite", AGAIN)
+        raise ValueError("numbers that are not finite")
     return BaseMotion(jnp.asarray(values), jnp.asarray(interval))
 
 
 def _raster(table: Any) -> Raster:
     (nx, ny), (x, y), projection = table["shape"], table["corner"], table.get("projection")
     if not (projection is None or isinstance(projection, str)):
-        raise Invalid(("projection",), shown(projection), "is no text", AGAIN)
+        raise ValueError(f"projection {shown(projection)}")
     if not (all(isinstance(n, int) and n >= 2 for n in (nx, ny)) and nx * ny <= MOST_HEIGHTS):
-        raise Invalid(("shape",), shown(table["shape"]), f"is none of 2 by 2 to {MOST_HEIGHTS} heights", AGAIN)
+        raise ValueError(f"shape {shown(table['shape'])}")
     heights = from_text(table["heights"], "<f4", (nx, ny)).astype(float)
     return Raster(heights, (float(x), float(y)), float(table["step"]), projection)
 
@@ -370,5 +365,5 @@ def from_text(text: str, dtype: str, shape: tuple[int, ...]) -> np.ndarray:
     size = np.dtype(dtype).itemsize * math.prod(shape)
     data = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), size + 1)
     if len(data) != size:
-        raise Invalid((), f"{len(data)} bytes", f"stand for {' times '.join(map(str, shape))} numbers", AGAIN)
+        raise ValueError(f"{len(data)} bytes for {' times '.join(map(str, shape))} numbers")
     return np.frombuffer(data, dtype).reshape(shape)

@@ -38,6 +38,7 @@ from cooperative.store import (
     write_sample,
 )
 from jaxmpm import Exceeds
+from jaxmpm.run import Early
 from tests.cooperative.campaign.test_campaign import TINY
 
 SCENE = TINY.replace("k_t = 2", "k_t = 4")
@@ -352,7 +353,7 @@ def deciding(made_up):
     """Made-up runs that end once they have failed, where only their class is asked for."""
 
     def run_samples(*arguments, rules=(), **choices):
-        limit = next((rule.displacement for rule in rules if isinstance(rule, Exceeds)), np.inf)
+        limit = next((rule.displacement for rule in rules if isinstance(rule, (Exceeds, Early))), np.inf)
         for sample in invented.run_samples(*arguments, **choices):
             if arguments[0].grid == "refined" and sample.row["displacement"] > limit:
                 cut = dict.fromkeys(("depth", "runout", "volume", "area"), np.nan) | {"displacement": 1.01 * limit}

@@ -211,7 +211,7 @@ def test_a_projection_goes_with_the_scene(tmp_path):
     assert parse(scene_of(None)).site.projection is None
     damaged = scene_of(UTM).replace(json.dumps(UTM), "3")
     assert damaged != scene_of(UTM)
-    with pytest.raises(ValueError, match=r"projection = 3 is no text: run the scene's file"):
+    with pytest.raises(ValueError, match=r"is damaged \('projection 3'\)"):
         parse(damaged)
     with pytest.raises(ValueError, match=r"\[terrain\] origin = .*give x and y"):
         parse(scene_of(None).replace("origin = [0.0, 0.0]", "origin = [0.0]"))

@@ -106,7 +106,6 @@ OTHER_FACTS = {
     ("factor_of_safety", "failure_displacement"): "None is 1 m, and none by the limit load",
     ("factor_of_safety", "settle"): "None is the rule with its defaults",
     ("report", "slides"): "how many the report draws",
-    ("run_samples", "slides"): "whether runs slide to their end",
     ("replay", "every"): "a step that gradients go back to",
     ("solve", "every"): "time between snapshots (s)",
     ("solve_each", "every"): "time between snapshots (s)",
