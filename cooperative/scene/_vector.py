@@ -293,7 +293,7 @@ def _shapefile(path: Path, data: bytes) -> _Layer:
 
 def _beside(path: Path, ending: str) -> bytes | None:
     """Bytes of the file that has this ending and otherwise the name of a shapefile; None without one."""
-    other = next((beside for end in (ending, ending.upper()) if os.path.lexists(beside := path.with_suffix(end))), None)
+    other = files.named_beside(path, ending)
     return None if other is None else files.read_given(other, MOST_BYTES)
 
 

@@ -325,7 +325,7 @@ def _square(path: Path, dx: float, dy: float | None, count: float) -> float:
 
 def _beside(path: Path) -> str | None:
     """The projection in a file beside a grid, if there is one; ValueError for one that is not in metres."""
-    beside = next(filter(Path.is_file, map(path.with_suffix, (".prj", ".PRJ"))), None)
+    beside = files.named_beside(path, ".prj")
     if beside is None:
         return None
     where = f"{path} ({beside.name})"

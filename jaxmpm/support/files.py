@@ -324,3 +324,9 @@ def _sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def named_beside(path: Path, ending: str) -> Path | None:
+    """The file beside `path` that has its name and this ending in letters of any case; None without one."""
+    named = (each for each in path.parent.glob("*") if each.stem == path.stem and each.suffix.lower() == ending)
+    return min(named, default=None)

@@ -37,8 +37,8 @@ def surface_beside(surface: Path, folder: Path) -> dict[Path, bytes]:
     if Path(os.path.realpath(surface)).is_relative_to(os.path.realpath(folder)):
         return {}
     copies = {folder / surface.name: files.read_given(surface, MOST_BYTES)}
-    projection = surface.with_suffix(".prj")
-    if projection.is_file():
+    projection = files.named_beside(surface, ".prj")
+    if projection is not None:
         copies[folder / projection.name] = files.read_given(projection, MOST_BYTES)
     for copy, data in copies.items():
         if copy.exists() and files.read_given(copy, MOST_BYTES) != data:

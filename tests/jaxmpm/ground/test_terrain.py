@@ -151,10 +151,11 @@ def test_an_esri_grid_reads_from_north_to_south(tmp_path):
     assert np.array_equal(raster.heights, [[4, 1], [5, 2], [np.nan, 3]], equal_nan=True)
 
 
-def test_a_projection_in_a_file_of_capital_ending_is_read(tmp_path):
+@pytest.mark.parametrize("ending", [".prj", ".PRJ", ".Prj"])
+def test_a_projection_in_a_file_of_capital_ending_is_read(tmp_path, ending):
     path = written(tmp_path, HEADER + "1 2 3\n4 5 6\n")
-    path.with_suffix(".PRJ").write_text('PROJCS["NAD83",UNIT["Foot_US",0.3048]]')
-    with pytest.raises(ValueError, match=r"dem.PRJ. is in feet: project it"):
+    path.with_suffix(ending).write_text('PROJCS["NAD83",UNIT["Foot_US",0.3048]]')
+    with pytest.raises(ValueError, match=rf"dem{ending}. is in feet: project it"):
         mpm.read_raster(path)
 
 
