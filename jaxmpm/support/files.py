@@ -327,6 +327,14 @@ def _sync(path: Path) -> None:
 
 
 def named_beside(path: Path, ending: str) -> Path | None:
-    """The file beside `path` that has its name and this ending in letters of any case; None without one."""
+    """The file beside another that has its name and another ending, in letters of any case.
+
+    Args:
+        path: of the file beside which it is looked for.
+        ending: with its point, in small letters.
+
+    Returns:
+        The first by name; None without one.
+    """
     named = (each for each in path.parent.glob("*") if each.stem == path.stem and each.suffix.lower() == ending)
     return min(named, default=None)
