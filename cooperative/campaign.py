@@ -101,7 +101,7 @@ def run(
     Raises:
         ValueError: a scene, a size or a folder that will not do, before anything is run or written.
     """
-    runs.refuse_within_import()
+    runs.refuse_unguarded(workers if executor is None else 1)
     runs.check_flags()
     folder = Path(folder)
     if stored_text(folder, IN_TIME) is not None:

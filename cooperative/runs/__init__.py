@@ -18,7 +18,7 @@ from cooperative.runs._ground import (
     rows_reader,
 )
 from cooperative.runs._model import GridModel
-from cooperative.runs._processes import cores_to_use, process_pool, refuse_within_import
+from cooperative.runs._processes import cores_to_use, process_pool, refuse_unguarded
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._reach import Reach, reach_of, warnings_of
 from cooperative.runs._restart import Frames
@@ -97,7 +97,7 @@ __all__ = [
     "reach_of",
     "read_drawn",
     "read_ground",
-    "refuse_within_import",
+    "refuse_unguarded",
     "release_programs",
     "rock_of",
     "row_of",

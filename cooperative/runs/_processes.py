@@ -7,11 +7,14 @@ known, and a pipe that ends within a message shows its death.
 
 from __future__ import annotations
 
+import ast
 import atexit
+import linecache
 import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import warnings
 from collections import deque
@@ -20,6 +23,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from multiprocessing import connection
 from multiprocessing.context import SpawnProcess
+from types import FrameType
 from typing import Any, ParamSpec, TypeVar
 
 from cooperative.runs._compiled import VARIABLE, keep_compiled
@@ -218,17 +222,41 @@ class Processes(Executor):
                 future.set_exception(error)
 
 
-def refuse_within_import() -> None:
-    """End a process that imports the script of a controller, where that script runs a campaign again.
+def refuse_unguarded(workers: int) -> None:
+    """Refuse a script without its main guard: a worker process imports it, and it starts the campaign again there.
+
+    Args:
+        workers: processes that are to be started.
 
     Raises:
-        ValueError: in a process that somebody else has begun; the message says what the script lacks.
+        ValueError: in the script that is to start workers, and in a process that somebody else has begun; the message
+            says what the script lacks.
     """
     process = multiprocessing.current_process()
     if getattr(process, "_inheriting", False):
         if process.name == NAME:
             os._exit(UNGUARDED)
         raise ValueError(GUARD)
+    if workers > 1 and _unguarded(sys._getframe()):
+        raise ValueError(GUARD)
+
+
+def _unguarded(frame: FrameType | None) -> bool:
+    """Whether this frame runs for a statement of the main script up to which no other asks for the module's name."""
+    main = sys.modules["__main__"]
+    if getattr(main, "__file__", None) is None or str(getattr(main.__spec__, "name", "")).endswith("__main__"):
+        return False  # Workers import neither an interactive session nor the __main__.py of a package.
+    while frame is not None and not (frame.f_globals is vars(main) and frame.f_code.co_name == "<module>"):
+        frame = frame.f_back
+    if frame is None:
+        return False
+    try:
+        script = ast.parse("".join(linecache.getlines(frame.f_code.co_filename)))
+    except SyntaxError:
+        return False
+    before = [statement for statement in script.body if statement.lineno <= frame.f_lineno]
+    names = {node.id for statement in before for node in ast.walk(statement) if isinstance(node, ast.Name)}
+    return bool(before) and "__name__" not in names
 
 
 def process_pool(workers: int) -> Executor:

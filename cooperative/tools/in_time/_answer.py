@@ -256,6 +256,7 @@ def running(
         workers: processes that run samples.
         chart: whether the states are of loads of a chart.
     """
+    runs.refuse_unguarded(workers)
     _, source = in_folder(campaign, folder, None, None)
     pool = None if workers == 1 else runs.Workers(partial(runs.process_pool, workers), workers, ahead=workers)
     with runs.stop_by_signals() as stop, closing(pool) if pool else nullcontext(), open_store(folder, source) as store:

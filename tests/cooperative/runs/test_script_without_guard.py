@@ -1,8 +1,10 @@
 """A script that starts a campaign with workers and lacks the guard of its main module is told so at once."""
 
 import multiprocessing
+import runpy
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import pytest
 
@@ -17,6 +19,38 @@ def test_a_run_while_a_process_imports_its_script_is_refused(tmp_path, monkeypat
     with pytest.raises(ValueError, match=GUARD):
         run(TINY, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+STARTS = 'from cooperative.runs import refuse_unguarded\n{}refuse_unguarded({})\nprint("started")\n'
+
+
+@pytest.mark.parametrize(
+    ("before", "workers", "refused"),
+    [
+        ("", 2, True),
+        ("", 1, False),
+        ("def start():\n    ", 2, False),  # nothing starts
+        ("for _ in range(1):\n    ", 2, True),
+        ("if __name__ == '__main__':\n    ", 2, False),
+        ("if __name__ != '__main__':\n    raise SystemExit\n", 2, False),
+    ],
+)
+def test_a_script_is_refused_where_a_worker_would_start_it_again(before, workers, refused, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(STARTS.format(before, workers))
+    with pytest.raises(ValueError, match=GUARD) if refused else nullcontext():
+        runpy.run_path(str(script), run_name="__main__")
+
+
+def test_a_function_of_the_script_is_refused_where_the_script_calls_it_without_the_guard(tmp_path):
+    lines = STARTS.format("def start():\n    ", 2).replace("print", "start()\nprint")
+    script = tmp_path / "script.py"
+    script.write_text(lines)
+    with pytest.raises(ValueError, match=GUARD):
+        runpy.run_path(str(script), run_name="__main__")
+    script = tmp_path / "guarded.py"
+    script.write_text(lines.replace("start()\nprint", "if __name__ == '__main__':\n    start()\n    print"))
+    runpy.run_path(str(script), run_name="__main__")
 
 
 @pytest.mark.slow
