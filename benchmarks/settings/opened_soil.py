@@ -24,14 +24,13 @@ from benchmarks.study.cases import CASES as STUDY_CASES
 from benchmarks.study.cases import FAILS_ABOVE, FAST, Changes, campaign_of
 from benchmarks.study.rows import Rows, Run, read_study
 from cooperative import runs
-from cooperative.measure import SEVERITY, ReleaseHistory
+from cooperative.measure import MEASURES, SEVERITY, ReleaseHistory
 from cooperative.runs import GridModel
 from cooperative.store import FinishedRun
 from jaxmpm import Result, State, Status, diagnostics, solve_each
 from jaxmpm.run import Hooks, Midway, Rule
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
-MEASURES = ("displacement", "depth", "runout", "volume", "area")
 LENGTHS = ("displacement", "runout")
 LEFT = (94, 623, 661, 243)
 """Samples of the study whose refined slides left the grid."""

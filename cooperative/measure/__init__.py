@@ -2,6 +2,7 @@
 
 from cooperative.measure._consequences import (
     EDGE,
+    MEASURES,
     Consequences,
     OpenGround,
     consequences,
@@ -18,6 +19,7 @@ from cooperative.measure._vulnerability import PUBLISHED, Intensity, Vulnerabili
 
 __all__ = [
     "EDGE",
+    "MEASURES",
     "PUBLISHED",
     "SEVERITY",
     "ColumnPlan",

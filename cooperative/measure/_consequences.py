@@ -21,6 +21,8 @@ from cooperative.measure._track import Track
 from jaxmpm import Face
 from jaxmpm.support.values import by_value
 
+MEASURES = ("displacement", "depth", "runout", "volume", "area")
+"""The five of the paper, by the names that they have in `Consequences`."""
 EDGE = "the edge of the polygon"
 """What a slide reached that came to the cut around its ground."""
 

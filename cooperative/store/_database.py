@@ -63,7 +63,7 @@ Samples that are asked in time have a text for each answer besides.
 CAMPAIGN = "CREATE TABLE campaign (name TEXT PRIMARY KEY, value TEXT NOT NULL, sha256 TEXT NOT NULL) WITHOUT ROWID"
 TYPES = {"REAL": float, "INTEGER": int, "BOOLEAN": int, "TEXT": str, "BLOB": bytes}
 """Types that columns are declared with, and those that their values then have."""
-MEASURES = {
+COMMON = {
     "displacement": "REAL", "broke_off": "BOOLEAN", "depth": "REAL", "runout": "REAL", "volume": "REAL",
     "area": "REAL", "mode": "TEXT", "masses": "INTEGER", "depth_shallowest": "REAL", "depth_deepest": "REAL",
     "onset": "REAL", "onset_second": "REAL", "walls": "TEXT", "time": "REAL",
@@ -181,7 +181,7 @@ def _check_schema(path: Path, connection: sqlite3.Connection) -> None:
     columns = columns_of(connection)
     expected = {("table", "campaign", CAMPAIGN), ("table", "run", table_of_runs(columns))}
     alike = all(name.isidentifier() and kind in TYPES for name, kind in columns.items())
-    if not alike or found != expected or not (ABOUT | MEASURES).items() <= columns.items():
+    if not alike or found != expected or not (ABOUT | COMMON).items() <= columns.items():
         others = sorted({f"{kind} {name}" for kind, name, _ in found - expected})
         raise DamagedFile(f"{path} has other tables than a campaign ({shown(others)}): give the folder of a campaign")
 

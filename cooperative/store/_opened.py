@@ -75,7 +75,7 @@ def open_store(
         there = refuse_another(folder, source)
         if there is None:
             texts = {} if source.text is None else {sql.SCENE: source.text}
-            sql.create(path, {**texts, sql.BESIDE: json.dumps(source.beside)}, sql.ABOUT | sql.MEASURES)
+            sql.create(path, {**texts, sql.BESIDE: json.dumps(source.beside)}, sql.ABOUT | sql.COMMON)
         connection = sql.connect(path, write=True)
         if (problem := sql.integrity(connection)) != "ok":
             connection.close()

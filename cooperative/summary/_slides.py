@@ -21,7 +21,7 @@ from cooperative.estimate import (
     severity_ranking,
     shares,
 )
-from cooperative.measure import SEVERITY, ElementAtRisk
+from cooperative.measure import MEASURES, SEVERITY, ElementAtRisk
 from cooperative.scene import Campaign
 from cooperative.store import Rows
 from cooperative.summary._values import (
@@ -38,7 +38,6 @@ from cooperative.summary._values import (
     Spread,
 )
 
-MEASURES = ("displacement", "depth", "runout", "volume", "area")
 CURVES = ("runout", "volume", "depth")
 """Consequences with a curve of their probability of being exceeded."""
 AT_REST = ("SETTLED", "DECIDED")

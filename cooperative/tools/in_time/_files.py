@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from cooperative.estimate import annual
 from cooperative.folder import Results, read_results
-from cooperative.measure import SEVERITY
+from cooperative.measure import MEASURES, SEVERITY
 from cooperative.names import DRAWN_SLIDES
 from cooperative.reporting import (
     HOW,
@@ -41,7 +41,6 @@ from cooperative.tools.seepage import clock, csv_text, draw_load, in_hours, writ
 from jaxmpm.support.text import literal
 
 COLOURS = dict(zip((*SEVERITY, "none"), ("#D55E00", "#CC79A7", "#0072B2", "#009E73", "#777777"), strict=True))
-MEASURES = ("displacement", "depth", "runout", "volume", "area")
 
 
 def write_in_time(

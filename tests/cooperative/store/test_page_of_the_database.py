@@ -7,7 +7,7 @@ import subprocess
 import pandas
 import pytest
 
-from cooperative.store._database import ABOUT, MEASURES, TEXTS
+from cooperative.store._database import ABOUT, COMMON, TEXTS
 from tests import ROOT
 
 PAGE = (ROOT / "docs" / "campaign-db.md").read_text(encoding="utf-8")
@@ -15,7 +15,7 @@ PAGE = (ROOT / "docs" / "campaign-db.md").read_text(encoding="utf-8")
 
 def test_the_page_has_every_column_with_its_type_and_every_text():
     rows = re.findall(r"^\| `(\w+)` \| (\w+) \|", PAGE, flags=re.M)
-    assert dict(rows) == ABOUT | MEASURES
+    assert dict(rows) == ABOUT | COMMON
     assert tuple(re.findall(r"^\| `(\w+)` \| (?!TEXT|REAL|INTEGER|BLOB|BOOLEAN)", PAGE, flags=re.M)) == TEXTS
 
 
