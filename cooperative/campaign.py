@@ -315,7 +315,7 @@ def screen(runner: Runner, findings: Findings) -> Findings:
     with runner.bar("rough grid", findings.phases.planned, len(results)) as bar:
         while numbers := missing():
             for sample in runner.samples("rough", numbers, coefficients):
-                row = {} if zones is None else runs.row_of(zones[sample.number])
+                row = {} if zones is None else runs.zone_row(zones[sample.number])
                 write_sample(runner.store, "rough", replace(sample, row={**sample.row, **row}))
                 results[sample.number] = sample.result
                 runs.advance(bar, share)

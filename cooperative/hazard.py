@@ -100,8 +100,8 @@ def maps_of(results: Results) -> HazardMaps | None:
     cut = results.summary.consequences.cut_off
     weight = results.weight[slid]
     maps, units = _maps(hazard, pf.estimate, weight, fields, cut.t_end)
-    if all(runs.GROUND in sample.fields for sample in samples):
-        ground = np.stack([sample.fields[runs.GROUND] for sample in samples])[:, *where]
+    if all(runs.GROUND_MOVED in sample.fields for sample in samples):
+        ground = np.stack([sample.fields[runs.GROUND_MOVED] for sample in samples])[:, *where]
         maps[CARRIED], units[CARRIED] = (
             chance_of(pf.estimate, weight, ground >= pf.failure_displacement),
             "-",

@@ -143,7 +143,7 @@ def slide(
     return Slide(
         campaign.name, of if divide == 1 else f"{of}, its strength divided by {divide:g}",
         f"{grid} grid, cells of {campaign.grids[grid].cell:g} m", limit, least, units, scene,
-        runs.finished(model, sample or 0, coefficients, result, time.perf_counter() - start, motion), failed,
+        runs.finished_run(model, sample or 0, coefficients, result, time.perf_counter() - start, motion), failed,
         tuple(kept), tuple(kept.values()),
     )  # fmt: skip
 

@@ -28,7 +28,7 @@ from benchmarks.robustness.invented import CALIBRATED, LONG, SCENE, SUBSET, SWEE
 from cooperative.scene import parse, settled
 from cooperative.store import DATABASE, GRIDS, Store, open_store, read_rows, read_sample, read_store
 from cooperative.store._database import insert
-from cooperative.store._runs import row_of
+from cooperative.store._runs import database_row
 from jaxmpm.support import files
 
 MARK = "JAXMPM_ROBUSTNESS"
@@ -271,7 +271,7 @@ def large(count: int, folder: Path) -> dict[str, float]:
         store.writing() as database,
     ):
         for sample in made:
-            insert(database, row_of(store, "rough", replace(sample, fields={"small": np.zeros(3)}))[1])
+            insert(database, database_row(store, "rough", replace(sample, fields={"small": np.zeros(3)}))[1])
     start = time.monotonic()
     life = Life(case, folder, 1)
     following = "SELECT sample FROM run WHERE grid = 'rough' AND sample = ?"

@@ -178,7 +178,7 @@ def run_watched(model: GridModel, sample: int) -> tuple[FinishedRun, str]:
             widest = jnp.maximum(widest, state.gap)
 
     result, past = followed(model, coefficients, run.t_end, run.rules(), record_gap)
-    answer = runs.finished(model, sample, coefficients, result, 0.0, past)
+    answer = runs.finished_run(model, sample, coefficients, result, 0.0, past)
     if widest is None:
         return answer, ""
     most, end = (np.exp(np.asarray(gap, float)) for gap in (widest, result.state.gap))

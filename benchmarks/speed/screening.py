@@ -68,7 +68,7 @@ def seconds_of_handling(model: runs.GridModel, coefficients: np.ndarray) -> floa
     for number in range(6):
         clock = time.perf_counter()
         jax.block_until_ready(model.strength(jnp.asarray(coefficients[number % len(coefficients)])))
-        runs.finished(model, number, coefficients[0], still, 0.0)
+        runs.finished_run(model, number, coefficients[0], still, 0.0)
         spent.append(time.perf_counter() - clock)
     return float(np.median(spent[1:]))
 

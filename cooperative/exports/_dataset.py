@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cooperative.exports._map_files import LIMITS, key, maps_path, middle, require
-from cooperative.exports._tables import tables_of
+from cooperative.exports._tables import columns_by_grid
 from cooperative.folder import Results
 from cooperative.hazard import HazardMaps
 from cooperative.runs import StoredGround
@@ -45,7 +45,7 @@ def write_netcdf(results: Results, maps: HazardMaps | None) -> Path:
     """
     require("campaign.nc", "xarray", "h5netcdf")
     store, summary = results.store, results.summary
-    data = _of_samples(store, tables_of({"rough": results.rough, "refined": results.refined}, summary))
+    data = _of_samples(store, columns_by_grid({"rough": results.rough, "refined": results.refined}, summary))
     data = data.assign(_of_curves(summary) | ({} if maps is None else _of_maps(maps)))
     low, high = summary.probability.interval
     data.attrs = {

@@ -12,7 +12,7 @@ import numpy as np
 from cooperative.estimate import Estimator
 from cooperative.exports._dataset import write_geotiff, write_netcdf
 from cooperative.exports._map_files import write_geopackage, write_notice, write_tidy
-from cooperative.exports._tables import rows_of, write_table
+from cooperative.exports._tables import read_grids, write_table
 from cooperative.folder import known_summary, model_of, models_of, read_results, stored_ground
 from cooperative.hazard import HazardMaps, maps_of
 from cooperative.names import EXPORTS, GRIDS, USUAL_EXPORTS
@@ -69,7 +69,7 @@ def export(
         remove_leftovers(written)
     models = cache(lambda: models_of(campaign_of(store, estimator)))
     ground = stored_ground(store) or ground_of(models())
-    rows = rows_of(store, ground)
+    rows = read_grids(store, ground)
     if not any(rows[grid].numbers for grid in GRIDS):
         raise ValueError(
             f"folder {folder} has no finished sample yet: start the run first"
@@ -149,7 +149,7 @@ def export_sample(folder: str | Path, number: int, grid: str = "refined", *, fra
         ValueError: the sample is not there, its fields are not stored, or `frames` is below 2.
     """
     store = read_store(folder)
-    if number not in (there := rows_of(store)[grid].numbers):
+    if number not in (there := read_grids(store)[grid].numbers):
         raise ValueError(f"sample {number} is not finished on the {grid} grid: give one of {_few(there)}")
     sample = read_sample(store, grid, number)
     if frames is None and "displacement" not in sample.fields:

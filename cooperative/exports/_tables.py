@@ -44,8 +44,8 @@ def write_table(
         OSError: the disk refuses.
     """
     path = store.folder / "table.csv" if path is None else Path(path)
-    rows = rows_of(store, ground)
-    tables = tables_of(rows, known_summary(store, rows, estimator))
+    rows = read_grids(store, ground)
+    tables = columns_by_grid(rows, known_summary(store, rows, estimator))
     names = list(dict.fromkeys(name for columns in tables.values() for name in columns))
     lines = [
         [grid, *(_cell(columns.get(name), at) for name in names)]
@@ -56,7 +56,7 @@ def write_table(
     return path
 
 
-def rows_of(store: Store, ground: StoredGround | None = None) -> dict[str, Rows]:
+def read_grids(store: Store, ground: StoredGround | None = None) -> dict[str, Rows]:
     """Verified rows of both grids.
 
     Where neither `ground` nor the folder holds the number of samples, it is that of the scene.
@@ -67,7 +67,7 @@ def rows_of(store: Store, ground: StoredGround | None = None) -> dict[str, Rows]
     return {grid: read(grid) for grid in GRIDS}
 
 
-def tables_of(rows: Mapping[str, Rows], summary: Summary | None) -> dict[str, dict[str, np.ndarray]]:
+def columns_by_grid(rows: Mapping[str, Rows], summary: Summary | None) -> dict[str, dict[str, np.ndarray]]:
     """Columns of each grid's rows by name, with what the refined runs stand for by this summary; see `write_table`."""
     tables = {grid: dict(rows[grid].columns) for grid in GRIDS}
     if summary is not None:

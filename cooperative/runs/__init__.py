@@ -22,17 +22,17 @@ from cooperative.runs._processes import cores_to_use, process_pool, refuse_ungua
 from cooperative.runs._random_soil import RandomSoil, random_soil
 from cooperative.runs._reach import Reach, reach_of, warnings_of
 from cooperative.runs._restart import Frames
-from cooperative.runs._samples import COLUMNS, GROUND, finished, run_samples
+from cooperative.runs._samples import COLUMNS, GROUND_MOVED, finished_run, run_samples
 from cooperative.runs._sampling import (
     coefficients_of,
     draw_by,
     name_of_rank,
     phases_of,
-    row_of,
     samples_of,
     sampling_of,
     scores_of,
     screened_by,
+    zone_row,
 )
 from cooperative.runs._size import (
     Cost,
@@ -48,7 +48,7 @@ from cooperative.runs._stopping import Stop, Stopped, stop_by_signals
 
 __all__ = [
     "COLUMNS",
-    "GROUND",
+    "GROUND_MOVED",
     "Bar",
     "Cost",
     "Drawn",
@@ -78,7 +78,7 @@ __all__ = [
     "cost_of",
     "dask_executor",
     "draw_by",
-    "finished",
+    "finished_run",
     "grid_size",
     "ground_of",
     "keep_compiled",
@@ -100,7 +100,6 @@ __all__ = [
     "refuse_unguarded",
     "release_programs",
     "rock_of",
-    "row_of",
     "rows_reader",
     "run_samples",
     "run_through",
@@ -116,4 +115,5 @@ __all__ = [
     "under_own_flow",
     "verify_initial",
     "warnings_of",
+    "zone_row",
 ]

@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 
 from jaxmpm.support.text import short, shown
 
-PATIENCE = 10
+ANSWER_TIMEOUT = 10
 """Seconds for a Dask scheduler to answer."""
 
 
@@ -41,7 +41,7 @@ def dask_executor(client: object) -> Callable[[], Executor]:
         try:
             if not client.strip():
                 raise ValueError("it is empty")
-            return OnCluster(distributed.Client(client, timeout=PATIENCE, set_as_default=False), pure=False)
+            return OnCluster(distributed.Client(client, timeout=ANSWER_TIMEOUT, set_as_default=False), pure=False)
         except (OSError, ValueError, TypeError, KeyError) as error:
             why = " ".join(str(error).split()) or type(error).__name__
             raise ValueError(

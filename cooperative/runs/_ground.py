@@ -28,7 +28,7 @@ from jaxmpm import ground as shapes
 from jaxmpm.support import files, hdf5
 from jaxmpm.support.values import by_value
 
-GROUND = ("cooperative ground", 3)
+SEAL = ("cooperative ground", 3)
 """Kind and schema of the file."""
 OUTLINE, ARRAYS = ("surface", "bottoms"), ("position", "half_size", "layer")
 """Fields of the ground, and of a grid, that are data sets of `ground.h5`; all else is JSON there."""
@@ -262,7 +262,7 @@ def keep_ground(folder: Path, models: Mapping[str, GridModel]) -> None:
         for name, values in arrays.items():
             file[name] = values
 
-    hdf5.write_sealed(path, *GROUND, fill)
+    hdf5.write_sealed(path, *SEAL, fill)
 
 
 def read_ground(folder: Path) -> StoredGround | None:
@@ -277,7 +277,7 @@ def read_ground(folder: Path) -> StoredGround | None:
     path = folder / "ground.h5"
     if not os.path.lexists(path):
         return None
-    with hdf5.read_sealed(path, *GROUND) as file:
+    with hdf5.read_sealed(path, *SEAL) as file:
         about, there = json.loads(str(file.scalars("/")["ground"])), file.names("/")
         about |= {name: file.array("/", name, kinds="f") for name in OUTLINE if name in there}
         for name, grid in about["grids"].items():

@@ -29,7 +29,7 @@ from cooperative.store import MOVING, SLIDES, FinishedRun, Scalar, stored_source
 from jaxmpm import Face, Result, Status, diagnostics, solve_each
 from jaxmpm.run import Chunk, Hooks, Midway, Rule, passing
 
-GROUND = "column_ground"
+GROUND_MOVED = "column_ground"
 """Field of a slide: how far the ground of each column has moved (m), the largest displacement of what was its top."""
 COLUMNS = ("column_deposit", "column_thickness", "column_speed", "column_arrival")
 """Fields of a slide, one value for each column, of the soil that lies or moves above the surface that was there before:
@@ -99,7 +99,7 @@ def run_samples(
         lane = under_way.lanes.pop(number)
         seconds = lane.before + under_way.lap()
         motion = lane.motion if model.grid in model.campaign.modes else None
-        yield finished(model, number, coefficients[number], result, seconds, motion, lane.frames)
+        yield finished_run(model, number, coefficients[number], result, seconds, motion, lane.frames)
     if left_out:
         raise Stopped
 
@@ -123,7 +123,7 @@ class _UnderWay:
 
     folder: of the campaign, None without restart points. stored_as: the grid of its samples, or SLIDES. lanes: by
     number. started: when the last run ended. stopping: whether a stop was seen after the last chunk. busy: lanes of
-    that chunk not shown yet. ended: whether a run ended with it.
+    that chunk not shown yet. any_ended: whether a run ended with it.
     """
 
     def __init__(self, model: GridModel, folder: Path | None, stop: Asked, stored_as: str) -> None:
@@ -134,7 +134,7 @@ class _UnderWay:
         self.at_rest = ReleaseHistory.start(volume, model.campaign.run.failure_displacement)
         self.remembers = self.folder is not None or model.grid in (*model.campaign.modes, *plan.fields)
         self.lanes: dict[int, _Lane] = {}
-        self.started, self.stopping, self.busy, self.ended = time.perf_counter(), False, 0, False
+        self.started, self.stopping, self.busy, self.any_ended = time.perf_counter(), False, 0, False
 
     def lap(self) -> float:
         """Seconds since a run ended the last time."""
@@ -143,11 +143,13 @@ class _UnderWay:
 
     def begin(self, number: int) -> Midway | None:
         """Where a sample goes on from."""
-        point = None
-        for kept in (self.stored_as, MOVING) if self.stored_as == SLIDES else (self.stored_as,):
-            if self.folder is not None and point is None:
-                of = self.folder, kept, number, self.digest
-                point = read_restart(*of, like=self.model.state, start=self.at_rest)
+        names = (self.stored_as, MOVING) if self.stored_as == SLIDES else (self.stored_as,)
+        kept = (
+            read_restart(self.folder, name, number, self.digest, like=self.model.state, start=self.at_rest)
+            for name in names
+            if self.folder is not None
+        )
+        point = next(filter(None, kept), None)
         past = (self.at_rest, Frames(), 0.0) if point is None else (point.motion, point.frames, point.seconds)
         self.lanes[number] = _Lane(*past, time.perf_counter())
         return None if point is None else point.midway
@@ -156,39 +158,48 @@ class _UnderWay:
         """After a chunk, before its lanes are shown; those that ended with the chunk before have been given out."""
         if self.stopping:
             raise Stopped
-        self.stopping, self.busy, self.ended = self.stop(), busy, False
+        self.stopping, self.busy, self.any_ended = self.stop(), busy, False
 
     def remember(self, number: int, seconds: float, midway: Midway) -> None:
         """One lane after a chunk.
 
         Raises `Stopped` after the last one, if none waits to be given out.
         """
-        lane, plan = self.lanes[number], self.model.campaign.plan
-        status = int(midway.state.status)
-        running = status == Status.RUNNING
-        # A refined run that has failed may be asked to slide on from here, a slide without rest to go on later.
-        ended = self.model.slides_on and status in (Status.DECIDED, Status.FINISHED)
-        fails = ended and self._fails(midway, seconds)
-        failed, moving = fails and status == Status.DECIDED, fails and status == Status.FINISHED
+        lane, running = self.lanes[number], int(midway.state.status) == Status.RUNNING
+        goes_on_as = self._goes_on_as(seconds, midway)
         if seconds > lane.motion.times[-1]:  # a lane with a number that none may have takes no step
-            moved, farthest = _moved(midway.state.displacement)
-            lane.motion = lane.motion.after(seconds, moved)
-            stored = self.model.grid in plan.fields and (running or failed)
-            if stored and lane.frames.due(float(farthest), lane.motion.failure_displacement):
-                lane.frames = lane.frames.after(seconds, midway.state.displacement)
+            self._follow(lane, seconds, midway, frames=running or goes_on_as == SLIDES)
         now = time.perf_counter()
-        due = self.stopping or now - lane.written > plan.restart_every
-        if self.folder is not None and ((due and running) or failed or moving):
+        due = not running or self.stopping or now - lane.written > self.model.campaign.plan.restart_every
+        if self.folder is not None and goes_on_as is not None and due:
             state = replace(midway.state, status=jnp.asarray(int(Status.RUNNING), jnp.int32))
             taken = lane.before + now - self.started
             point = RestartPoint(replace(midway, state=state), lane.motion, lane.frames, taken)
-            kept = SLIDES if failed else MOVING if moving else self.stored_as
-            write_restart(self.folder, kept, number, self.digest, point)
+            write_restart(self.folder, goes_on_as, number, self.digest, point)
             lane.written = now
         self.busy -= 1
-        self.ended = self.ended or not running
-        if self.stopping and not self.busy and not self.ended:
+        self.any_ended |= not running
+        if self.stopping and not self.busy and not self.any_ended:
             raise Stopped
+
+    def _goes_on_as(self, seconds: float, midway: Midway) -> str | None:
+        """What its restart point is kept as: of a failure for its slide, of a slide without rest for a later end.
+
+        None for a run that has ended for good.
+        """
+        status = int(midway.state.status)
+        if status == Status.RUNNING:
+            return self.stored_as
+        kept = {Status.DECIDED: SLIDES, Status.FINISHED: MOVING}.get(Status(status))
+        return kept if kept and self.model.slides_on and self._fails(midway, seconds) else None
+
+    def _follow(self, lane: _Lane, seconds: float, midway: Midway, *, frames: bool) -> None:
+        """Add the motion of a chunk to a lane's past, and a frame where one is due."""
+        moved, farthest = _moved(midway.state.displacement)
+        lane.motion = lane.motion.after(seconds, moved)
+        stored = frames and self.model.grid in self.model.campaign.plan.fields
+        if stored and lane.frames.due(float(farthest), lane.motion.failure_displacement):
+            lane.frames = lane.frames.after(seconds, midway.state.displacement)
 
     def _fails(self, midway: Midway, seconds: float) -> bool:
         """Whether enough soil of a run that has ended moved as far as a failure, or is bound to."""
@@ -204,7 +215,7 @@ def _moved(displacement: jax.Array) -> tuple[jax.Array, jax.Array]:
     return moved, moved.max()
 
 
-def finished(
+def finished_run(
     model: GridModel,
     number: int,
     coefficients: np.ndarray,
@@ -227,50 +238,18 @@ def finished(
         motion: its past, None where not remembered.
         frames: of the run.
     """
-    scene, campaign = model.scene, model.campaign
-    displacement = np.asarray(result.state.displacement)
-    # Of a law with more history than plastic shear strain, the part that is named so.
-    strain = getattr(result.state.history, "strain", result.state.history)
-    fields: dict[str, np.ndarray] = {}
+    time = float(result.state.step * result.time_step)
     decided = model.grid == "refined" and int(result.status) == Status.DECIDED
-    level = model.water_level(coefficients)
-    if model.grid in campaign.plan.fields and not decided:
-        fields["displacement"] = displacement.astype(np.float32)
-        if strain is not None and np.shape(strain) == displacement.shape[1:]:
-            fields["plastic_strain"] = np.asarray(strain, np.float32)
-    row: dict[str, Scalar]
-    volume, least = np.asarray(scene.particles.volume), campaign.failing_volume
-    limit = campaign.run.failure_displacement
-    if bool(result.broke_off) or decided:
-        reached = np.linalg.norm(displacement, axis=0)
-        row = {
-            "displacement": exceeded(np.where(np.isfinite(reached), reached, 0.0), volume, least),
-            "broke_off": bool(result.broke_off),
-        }
+    fields = _fields_at_end(result) if model.grid in model.campaign.plan.fields and not decided else {}
+    if decided or result.broke_off:
+        measures = _displacement_alone(model, result)
     else:
-        run = np.asarray(scene.particles.position), displacement, volume
-        geometry, half = model.geometry, model.half_size
-        measured = consequences(
-            *run, geometry, half_size=half, failure_displacement=limit, reach=model.reach, least_volume=least,
-            runout_thickness=campaign.runout_thickness,
-        )  # fmt: skip
-        walls = walls_reached(
-            *run, model.walls, half_size=half, failure_displacement=limit, within=scene.grid.cell, reach=model.reach,
-            polygon=campaign.site.fixed_edge,
-        )  # fmt: skip
-        row = {**measured.as_row(), "broke_off": False, "walls": walls}
-        if measured.displacement > limit:
-            fields |= {} if frames is None else frames.as_fields()
-            fields |= (columns := column_fields(model, result))
-            row |= column_row(model, columns)
-        if motion is not None and isinstance(geometry, Face):
-            rules = ModeRules(failure_displacement=limit, valley=campaign.plan.valley)
-            mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
-            row |= mode_row(mode)
-            fields["slice_depth"] = mode.depth.astype(np.float32)
-    row["time"] = time = float(result.state.step * result.time_step)
-    row["displacement"] = foreseen(float(row["displacement"]), time, result)
-    row |= {} if level is None else {"water_level": level}
+        measures, of_slide = _measured(model, result, motion, frames)
+        fields |= of_slide
+    counts = foreseen(float(measures["displacement"]), time, result)
+    row = {**measures, "displacement": counts, "broke_off": bool(result.broke_off), "time": time}
+    if (level := model.water_level(coefficients)) is not None:
+        row["water_level"] = level
     return FinishedRun(
         number=number,
         status=Status(int(result.status)).name,
@@ -279,9 +258,54 @@ def finished(
         coefficients=coefficients,
         row=row,
         fields=fields,
-        dtype=str(displacement.dtype),
+        dtype=str(result.state.displacement.dtype),
         device=jax.devices()[0].device_kind,
     )
+
+
+def _fields_at_end(result: Result) -> dict[str, np.ndarray]:
+    """Displacement, and plastic strain where the law remembers it."""
+    history, fields = result.state.history, {"displacement": np.asarray(result.state.displacement, np.float32)}
+    strain = getattr(history, "strain", history)  # of a law that remembers more, the part that is named so
+    if strain is not None and np.shape(strain) == fields["displacement"].shape[1:]:
+        fields["plastic_strain"] = np.asarray(strain, np.float32)
+    return fields
+
+
+def _displacement_alone(model: GridModel, result: Result) -> dict[str, Scalar]:
+    """The one measure of a run that broke off, or whose class alone is known; what is not finite has not moved."""
+    moved = np.linalg.norm(np.asarray(result.state.displacement), axis=0)
+    volume = np.asarray(model.scene.particles.volume)
+    return {"displacement": exceeded(np.where(np.isfinite(moved), moved, 0.0), volume, model.campaign.failing_volume)}
+
+
+def _measured(
+    model: GridModel, result: Result, motion: ReleaseHistory | None, frames: Frames | None
+) -> tuple[dict[str, Scalar], dict[str, np.ndarray]]:
+    """Measures of a run that came to its end, and fields: frames and columns of a failure, slices of its mode."""
+    scene, campaign, geometry = model.scene, model.campaign, model.geometry
+    position, volume = np.asarray(scene.particles.position), np.asarray(scene.particles.volume)
+    run = position, np.asarray(result.state.displacement), volume
+    half, limit, fields = model.half_size, campaign.run.failure_displacement, dict[str, np.ndarray]()
+    slide = consequences(
+        *run, geometry, half_size=half, failure_displacement=limit, reach=model.reach,
+        least_volume=campaign.failing_volume, runout_thickness=campaign.runout_thickness,
+    )  # fmt: skip
+    walls = walls_reached(
+        *run, model.walls, half_size=half, failure_displacement=limit, within=scene.grid.cell, reach=model.reach,
+        polygon=campaign.site.fixed_edge,
+    )  # fmt: skip
+    row: dict[str, Scalar] = {**slide.as_row(), "walls": walls}
+    if slide.displacement > limit:
+        fields |= {} if frames is None else frames.as_fields()
+        fields |= (columns := column_fields(model, result))
+        row |= column_row(model, columns)
+    if motion is not None and isinstance(geometry, Face):
+        rules = ModeRules(failure_displacement=limit, valley=campaign.plan.valley)
+        mode = failure_mode(*run, geometry, half_size=half, motion=motion, rules=rules)
+        row |= mode_row(mode)
+        fields["slice_depth"] = mode.depth.astype(np.float32)
+    return row, fields
 
 
 def foreseen(displacement: float, time: float, run: Result | Midway) -> float:
@@ -323,7 +347,7 @@ def column_fields(model: GridModel, result: Result) -> dict[str, np.ndarray]:
     arrival = np.where(np.isfinite(arrival), arrival, np.nan)
     values = deposit, np.maximum(thickness, deposit), np.asarray(columns.speed), arrival
     fields = {name: values_there.astype(np.float32) for name, values_there in zip(COLUMNS, values, strict=True)}
-    return fields | {GROUND: _ground_moved(model, np.asarray(state.displacement)).astype(np.float32)}
+    return fields | {GROUND_MOVED: _ground_moved(model, np.asarray(state.displacement)).astype(np.float32)}
 
 
 def _ground_moved(model: GridModel, displacement: np.ndarray) -> np.ndarray:
@@ -356,7 +380,7 @@ def column_row(model: GridModel, columns: dict[str, np.ndarray]) -> dict[str, Sc
         _, thickness, speed, arrival = (columns[name][columns_there] for name in COLUMNS)
         row[f"thickness_at_{element.key}"] = float(thickness.max())
         row[f"speed_at_{element.key}"] = float(speed.max())
-        row[f"ground_at_{element.key}"] = float(columns[GROUND][columns_there].max())
+        row[f"ground_at_{element.key}"] = float(columns[GROUND_MOVED][columns_there].max())
         reached = arrival[np.isfinite(arrival)]
         if reached.size:
             row[f"arrival_at_{element.key}"] = float(reached.min())

@@ -148,7 +148,7 @@ def screened_by(scores: np.ndarray) -> Screened:
     return {number: (float(score), bool(np.isnan(score))) for number, score in enumerate(scores)}
 
 
-def row_of(zone: Zone) -> dict[str, float | int]:
+def zone_row(zone: Zone) -> dict[str, float | int]:
     """What the row of a rough run holds of the zone that its sample stands for.
 
     Args:

@@ -17,7 +17,7 @@ from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-PATIENCE = 30.0
+STOP_TIMEOUT = 30.0
 """Seconds between a signal and the end of a command that does not come to look: it is compiling, or in a long chunk."""
 
 HOW_TO_GO_ON = "what is finished is kept: the same command goes on from there"
@@ -90,8 +90,8 @@ def stop_by_signals(*, ends_process: bool = False) -> Iterator[Stop]:
 
     Args:
         ends_process: the second signal ends the process even inside a compiled program, and so does a first one that
-            nobody looks at for `PATIENCE` seconds; otherwise, for scripts and notebooks, the second raises `Stopped`
-            where it falls.
+            nobody looks at for `STOP_TIMEOUT` seconds; otherwise, for scripts and notebooks, the second raises
+            `Stopped` where it falls.
 
     Raises:
         Stopped: at the end if a signal came after the last look.
@@ -150,7 +150,7 @@ def _listen(reader: socket.socket, numbers: list[int], stop: Stop, ends_process:
         if ends_process:
             if again or stop.nothing_to_save:
                 _end(heard[0])
-            reader.settimeout(PATIENCE)
+            reader.settimeout(STOP_TIMEOUT)
 
 
 def _end(number: int) -> None:

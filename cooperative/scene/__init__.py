@@ -3,6 +3,16 @@
 from cooperative.scene._campaign import Campaign, check_cells, check_samples
 from cooperative.scene._faults import check_scene
 from cooperative.scene._files import Files, to_toml, toml_value
+from cooperative.scene._in_folder import (
+    campaign_of,
+    in_folder,
+    keep,
+    kept,
+    read,
+    settled,
+    stored_measured,
+    with_measured,
+)
 from cooperative.scene._measured import (
     doubts,
     factors_of_safety,
@@ -16,16 +26,6 @@ from cooperative.scene._projection import compare_projections
 from cooperative.scene._region import national_origin
 from cooperative.scene._remarks import remarks
 from cooperative.scene._site import Site, SiteLayer
-from cooperative.scene._stored import (
-    campaign_of,
-    in_folder,
-    keep,
-    kept,
-    read,
-    settled,
-    stored_measured,
-    with_measured,
-)
 from cooperative.scene._typed import built, parse, read_scene, rested, source_of
 from cooperative.scene._variants import BASE, RANKED, Variant, campaigns_of, variants, with_measured_of_base
 from cooperative.scene._varied import SCALES, SCENARIO, changed

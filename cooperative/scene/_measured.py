@@ -28,7 +28,7 @@ from typing import Protocol
 import jax
 
 from cooperative.scene._campaign import Campaign
-from cooperative.scene._stored import keep
+from cooperative.scene._in_folder import keep
 from cooperative.scene.tables import Calibration, LimitLoad, Measured
 from cooperative.store import GRIDS, Store
 from jaxmpm import Scene, Settle, State, diagnostics, factor_of_safety, reduced, solve

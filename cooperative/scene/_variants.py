@@ -11,7 +11,7 @@ from cooperative.estimate import Sampling
 from cooperative.scene import tables as known
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._files import to_toml
-from cooperative.scene._stored import stored_measured
+from cooperative.scene._in_folder import stored_measured
 from cooperative.scene._typed import parse, source_of
 from cooperative.scene._varied import SCENARIO, Varied, base_of, path_of, variants_of
 from cooperative.store import GRIDS, Source, table_of

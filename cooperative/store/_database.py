@@ -30,7 +30,7 @@ APPLICATION = int.from_bytes(b"jmpm")
 """Number at byte 68 of the file, by which `file` and SQLite tell what a database belongs to."""
 SCHEMA = 1
 """Version of the tables, the `user_version` of the database."""
-PATIENCE = 30.0
+LOCK_TIMEOUT = 30.0
 """Seconds to wait for another program that reads, or writes, the same database."""
 MOST, MOST_ROW = 2**36, 2**27
 """Bytes that a database and a row of it may have."""
@@ -140,7 +140,7 @@ def _checked(path: Path, mode: str) -> sqlite3.Connection:
 
 def _connection(path: Path, mode: str) -> sqlite3.Connection:
     uri = f"{path.absolute().as_uri()}?mode={mode}"
-    connection = sqlite3.connect(uri, uri=True, timeout=PATIENCE, isolation_level=None)
+    connection = sqlite3.connect(uri, uri=True, timeout=LOCK_TIMEOUT, isolation_level=None)
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_ROW)
     connection.text_factory = partial(str, encoding="utf-8", errors="replace")
     return connection

@@ -28,7 +28,7 @@ from cooperative.names import GRIDS
 from cooperative.store import _database as sql
 from cooperative.store import _samples
 from cooperative.store._database import Row, Value
-from cooperative.store._samples import COARSE, SLIDES, FinishedRun, Rows, RunRecord, Store, rows_of
+from cooperative.store._samples import COARSE, SLIDES, FinishedRun, Rows, RunRecord, Store
 from jaxmpm.support import files, hdf5
 from jaxmpm.support.files import DamagedFile
 from jaxmpm.support.text import printable, shown
@@ -96,7 +96,7 @@ def write_sample(store: Store, grid: str, sample: FinishedRun, *, longer: bool =
             f"sample {sample.number} of the {grid} grid is in {store.path} already: results are never overwritten, "
             f"`sqlite3 {store.path} \"delete from run where grid = '{grid}' and sample = {sample.number}\"` redoes it"
         )
-    columns, row = row_of(store, grid, sample)
+    columns, row = database_row(store, grid, sample)
     with store.writing() as database:
         for name in columns.keys() - sql.columns_of(database).keys():
             database.execute(f'ALTER TABLE run ADD COLUMN "{name}" {columns[name]}')
@@ -106,7 +106,7 @@ def write_sample(store: Store, grid: str, sample: FinishedRun, *, longer: bool =
     restart_path(store.folder, grid, sample.number).unlink(missing_ok=True)
 
 
-def row_of(store: Store, grid: str, sample: FinishedRun) -> tuple[dict[str, str], dict[str, Value]]:
+def database_row(store: Store, grid: str, sample: FinishedRun) -> tuple[dict[str, str], dict[str, Value]]:
     """The columns of a sample, and its row, whose file of fields is written.
 
     Raises ValueError for a scalar that is none, or of another type than its column.
@@ -221,7 +221,7 @@ def read_rows(
             warnings.warn(f"{why}: set aside in {aside.name}, the sample is run again", stacklevel=2)
         with store.writing() as database:
             database.executemany("DELETE FROM run WHERE grid IS ? AND sample IS ?", bad)
-    return rows_of(list(records.values()), tuple(bad.values()))
+    return Rows.of(records.values(), tuple(bad.values()))
 
 
 def read_sample(store: Store, grid: str, number: int) -> FinishedRun:

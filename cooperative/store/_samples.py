@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -180,6 +180,21 @@ class Rows:
     versions: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
     written: Mapping[int, float] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, samples: Iterable[RunRecord], damaged: tuple[str, ...] = ()) -> Self:
+        """The table of these samples."""
+        samples = sorted(samples, key=lambda sample: sample.number)
+        columns = {
+            "sample": np.array([sample.number for sample in samples], dtype=int),
+            "status": np.array([sample.status for sample in samples], dtype=str),
+            "steps": np.array([sample.steps for sample in samples], dtype=int),
+            "seconds": np.array([sample.seconds for sample in samples], dtype=float),
+        }
+        for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
+            columns[name] = _column([sample.row.get(name) for sample in samples])
+        versions = {sample.number: sample.versions for sample in samples if sample.versions}
+        return cls(columns, damaged, versions, {sample.number: sample.written for sample in samples})
+
     @property
     def numbers(self) -> list[int]:
         """Numbers of the finished samples, ascending."""
@@ -195,21 +210,6 @@ class Rows:
         """Sample -> its largest displacement (m), and whether the run broke off."""
         columns = (self.columns.get(name, np.zeros(0)) for name in ("displacement", "broke_off"))
         return {n: (float(u), bool(b)) for n, u, b in zip(self.numbers, *columns, strict=True)}
-
-
-def rows_of(samples: list[RunRecord], damaged: tuple[str, ...] = ()) -> Rows:
-    """The table of these samples."""
-    samples = sorted(samples, key=lambda sample: sample.number)
-    columns = {
-        "sample": np.array([sample.number for sample in samples], dtype=int),
-        "status": np.array([sample.status for sample in samples], dtype=str),
-        "steps": np.array([sample.steps for sample in samples], dtype=int),
-        "seconds": np.array([sample.seconds for sample in samples], dtype=float),
-    }
-    for name in sorted({name for sample in samples for name in sample.row} - columns.keys()):
-        columns[name] = _column([sample.row.get(name) for sample in samples])
-    versions = {sample.number: sample.versions for sample in samples if sample.versions}
-    return Rows(columns, damaged, versions, {sample.number: sample.written for sample in samples})
 
 
 def mixed_versions(grids: Mapping[str, Rows]) -> str:

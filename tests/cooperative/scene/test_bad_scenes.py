@@ -254,7 +254,7 @@ def test_no_workers_are_refused_before_the_folder_is_made(workers, tmp_path, cap
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1", "http://127.0.0.1:1", "tcp://", ""])
 def test_a_scheduler_that_does_not_answer_is_named_before_the_folder_is_made(address, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed", reason="extra `dask` is not installed")
-    monkeypatch.setattr(runs._dask, "PATIENCE", 1)
+    monkeypatch.setattr(runs._dask, "ANSWER_TIMEOUT", 1)
     for name in ("build", "random_soil"):
         monkeypatch.setattr(runs, name, lambda *_, **__: type("Invented", (), {"modes": 3, "counts": (3,)})())
     scene = tmp_path / "scene.toml"

@@ -60,7 +60,7 @@ def test_what_sqlite_refuses_has_an_errno_a_file_and_a_remedy(code, number, reme
 
 
 def test_a_program_that_reads_for_long_is_named_and_nothing_is_lost(tmp_path, monkeypatch):
-    monkeypatch.setattr(_database, "PATIENCE", 0.05)
+    monkeypatch.setattr(_database, "LOCK_TIMEOUT", 0.05)
     with open_store(tmp_path, SCENE) as store:
         write_sample(store, "rough", sample(0))
         with closing(sqlite3.connect(tmp_path / "campaign.db", isolation_level=None)) as other:

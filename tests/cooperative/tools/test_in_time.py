@@ -317,7 +317,7 @@ def test_a_folder_is_read_again_without_a_run(tmp_path, monkeypatch, capsys):
     def run(runner, grid, at, numbers, stop_at):
         """Soil of every third slide lies on the second half of the ground."""
         for number in numbers:
-            fields = dict.fromkeys((*runs.COLUMNS, runs.GROUND), reached * (number % 3 == 0))
+            fields = dict.fromkeys((*runs.COLUMNS, runs.GROUND_MOVED), reached * (number % 3 == 0))
             row = {"displacement": 2.0, "broke_off": False, "area_columns": 0.0, "runout": 1.0 + number, "depth": 2.0}
             yield FinishedRun(number, "SETTLED", 9, 0.1, runner.coefficients[number], row, fields)
 
