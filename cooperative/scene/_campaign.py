@@ -132,7 +132,7 @@ class Campaign(Part):
             values["run"] = values.get("run", Run()).failing_at(measured.limit_load)
         if is_dataclass(values.get("soil")):
             values["soil"] = _with_means(values["soil"], random or {})
-        if isinstance(site := values.get("ground"), Site) and not isinstance(site.shape, FromScript):
+        if isinstance(site := values.get("ground"), Site) and not any(_from_script(site)):
             ground.check_ground(site.shape)
             bands = partial(_with_band, height=site.height)
             layers = (replace(part, layer=replace(part.layer, soil=bands(part.layer.soil))) for part in site.layers)

@@ -9,7 +9,18 @@ from pydantic import InstanceOf
 from pydantic import model_validator as validates
 from pydantic.json_schema import SkipJsonSchema
 
-from cooperative.scene.tables._key import AboveZero, Flag, FromZero, Length, Part, Seconds, Within, key, table
+from cooperative.scene.tables._key import (
+    AboveZero,
+    Flag,
+    FromScript,
+    FromZero,
+    Length,
+    Part,
+    Seconds,
+    Within,
+    key,
+    table,
+)
 from cooperative.scene.tables._stored import LimitLoad
 from jaxmpm import Exceeds, Settle
 from jaxmpm.run import Early, Rule
@@ -83,7 +94,7 @@ class Run(Part):
         otherwise="a tenth of the slope's height, or of three mean thicknesses of the ground where that is less",
         synonyms="front_thickness deposit_thickness",
     )
-    settle: Flag | SkipJsonSchema[InstanceOf[Settle]] = key(
+    settle: Flag | SkipJsonSchema[InstanceOf[Settle] | InstanceOf[FromScript]] = key(
         "Whether a run ends once its slope has come to rest. Python may give a `jaxmpm.Settle`, taken as it is.",
         True,
         True,

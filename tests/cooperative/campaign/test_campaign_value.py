@@ -43,6 +43,7 @@ from cooperative.reporting._sentences import probability
 from cooperative.scene import Exposed, FromScript, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, of_words, source_of_value
 from cooperative.store import Source, open_store, refuse_another
+from jaxmpm.run import Settle
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_own_soil import SensitiveClay, Tresca
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
@@ -236,6 +237,35 @@ def test_a_campaign_that_cannot_be_stored_is_refused_before_anything_is_written(
         with pytest.raises(ValueError, match=r"soil\.log is <_io\.TextIOWrapper .*which has no words"):
             run(replace(SHORT, soil=soil), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@dataclass(frozen=True)
+class Stratum(mpm.Layer):
+    """A layer of a script's own."""
+
+
+@dataclass(frozen=True)
+class SlowRest(Settle):
+    """A stopping rule of a script's own."""
+
+
+class Skewed(kl.Lognormal):
+    """A marginal of a script's own."""
+
+
+@pytest.mark.parametrize(
+    ("changed", "name"),
+    [
+        ({"run": Run(settle=SlowRest())}, "run"),
+        ({"random": {"strength": replace(SHORT.random["strength"], marginal=Skewed)}}, "random"),
+        ({"ground": Site(SLOPE, layers=(SiteLayer("clay", Stratum(CLAY, depth=None), {}, rock=False),))}, "ground"),
+    ],
+)
+def test_a_folder_names_each_part_that_its_script_has_to_give_again(changed, name):
+    campaign = campaign_of_words(source_of_value(replace(SHORT, **changed)))
+    assert [missing.what for missing in campaign.missing] == [name]
+    with pytest.raises(ValueError, match=f"the campaign's {name} is .*, which a script gave: run that script"):
+        campaign.require()
 
 
 def test_what_a_script_gave_is_asked_of_it():
