@@ -6,7 +6,7 @@ from scipy import stats
 
 import kl
 from kl.estimation import fit_field, predicted
-from kl.estimation._fit import _anchored
+from kl.estimation._fit import _NUGGETS, _anchored
 from kl.estimation._likelihood import cells
 from kl.estimation._model import Model
 
@@ -192,6 +192,18 @@ def test_depths_that_are_all_alike_are_refused():
     points, values = _site(np.random.default_rng(7), (0.0, 9.0))
     with pytest.raises(ValueError, match="one depth, which shows no trend"):
         fit_field(points, values, depth=np.full(values.size, 3.0))
+
+
+def test_a_drawn_nugget_lies_evenly_within_its_cell_and_a_known_one_is_itself():
+    random = np.random.default_rng(10)
+    scores = _field(random, DEPTH[None], (2.0,))[:, 0] + 0.5 * random.standard_normal(DEPTH.size)
+    values = 30e3 * np.exp(0.3 * scores)
+    nugget = fit_field(DEPTH[None], values).draws.nugget
+    cell = np.searchsorted(_NUGGETS, nugget) - 1
+    assert np.bincount(cell).min() > 20
+    within = (nugget - _NUGGETS[cell]) / np.diff(_NUGGETS)[cell]
+    assert stats.kstest(within, "uniform").pvalue > 0.05
+    assert set(fit_field(DEPTH[None], values, nugget=0.2).draws.nugget) == {0.2}
 
 
 @pytest.mark.parametrize("rate", [-1.0, 1.0])

@@ -72,6 +72,21 @@ def test_zones_hold_what_is_counted_nearest_and_never_less_than_the_slide_itself
     assert zone_weights(below, np.array([0, 5])).min() == pytest.approx(0.1)
 
 
+@given(st.lists(st.tuples(st.floats(0.01, 1.0), st.floats(0.0, 1.0), st.booleans()), min_size=3, max_size=30))
+def test_zones_are_the_same_seen_from_the_other_end_of_the_ranks(ranks):
+    chance, count, slides = np.array(ranks).T
+    slid = np.flatnonzero(slides)
+    if slid.size:
+        one = Failures(np.arange(chance.size), np.full(chance.size, 0.01), chance, count)
+        other = Failures(one.number, one.weight, chance[::-1], count[::-1])
+        back = zone_weights(other, chance.size - 1 - slid[::-1])[::-1]
+        # A failure as near to both of its slides may count for either.
+        reached = np.cumsum(chance) - chance / 2
+        apart = np.abs(reached[:, None] - reached[slid])
+        if slid.size == 1 or np.ptp(np.sort(apart)[:, :2], axis=1).min() > 1e-9:
+            np.testing.assert_allclose(zone_weights(one, slid), back)
+
+
 def made_up(seed, samples=200, pf=0.2, runs=40):
     """A campaign whose audit has ended, and which samples fail."""
     rough, other = np.random.default_rng(seed).standard_normal((2, samples))

@@ -87,3 +87,24 @@ def test_where_the_first_runs_agree_samples_of_one_class_count_alike(audited):
                 scatter.append(each.audit_variance)
     assert min(scatter) == pytest.approx(differs * (1 - differs) * (1 / audited - 1 / 200))
     assert abs(np.mean(error)) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_time_before_all_others_at_which_nothing_happens_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    strength = rng.standard_normal(60)
+    refined = np.searchsorted([-0.8, 0.0, 0.8], strength)
+    first = np.where(rng.random(60) < 0.1, -1, np.minimum(refined + (rng.random(60) < 0.3), 3))
+    answers = {n: int(refined[n]) if rng.random() > 0.1 else -1 for n in range(30)}
+    factors = 1 + 0.2 * strength[:, None] - 0.05 * np.arange(3) + 0.1 * rng.standard_normal((60, 3))
+    estimates = in_time(first, answers, factors, 3)
+    one_more = in_time(
+        np.where(first < 0, -1, first + 1),
+        {n: when + 1 if when >= 0 else -1 for n, when in answers.items()},
+        np.column_stack([factors[:, 0], factors]),
+        4,
+    )
+    assert one_more[0].probability == 0
+    for field in ("probability", "audit_variance", "cov"):
+        after = [getattr(each, field) for each in one_more[1:]]
+        assert after == pytest.approx([getattr(each, field) for each in estimates]), field

@@ -55,6 +55,17 @@ def test_a_share_of_even_slides_has_one_degree_of_freedom_less_than_slides(does)
     assert distance == pytest.approx(stats.t.ppf(0.975, 9))
 
 
+@given(st.floats(0.02, 0.98), st.booleans())
+def test_two_slides_however_unequal_have_one_degree_of_freedom(heavy, which):
+    share = np.array([heavy, 1 - heavy])
+    does = np.array([[which], [not which]], float)
+    ratio, low, _ = _share_limits(share, does, 0.95)
+    variance, _ = _of_ratio(share, does, ratio)
+    # Wilson's equation at the lower limit, of as many slides as scatter so.
+    distance = (ratio - low) / np.sqrt(low * (1 - low) * variance / (ratio * (1 - ratio)))
+    assert distance[0] == pytest.approx(stats.t.ppf(0.975, 1))
+
+
 @pytest.mark.parametrize("failures", [6, 12])
 def test_a_loss_that_every_slide_brings_has_no_narrower_limits_than_p_f(failures):
     estimate = monte_carlo(np.arange(12) < failures)

@@ -11,7 +11,7 @@ from scipy.stats import hypergeom
 
 from cooperative.estimate import AuditPlan, Population, TwoPhase, Zone, draw_samples, exact_limit, two_phase
 from cooperative.estimate._audit import UNPROVEN, Wave, draw_wave
-from cooperative.estimate._one_outcome import even_chance, even_limit, missed
+from cooperative.estimate._one_outcome import even_chance, even_limit, missed, ranked_limit
 from cooperative.estimate._twophase import path
 
 COUNTS = ((10, 10), (60, 12), (60, 20), (60, 60), (200, 40), (750, 60), (750, 150))
@@ -82,6 +82,29 @@ def test_every_wave_narrows_what_is_open(samples, part, outcome, seed):
     # So does a larger budget, up to all samples.
     more = two_phase(population, answers, replace(plan, runs=min(plan.runs + 1, samples)))
     assert np.diff(more.interval)[0] <= widths[-1] * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("level", [0.3, 0.5, 0.8])
+def test_the_limit_of_trusted_ranks_is_the_fewest_first_ones_that_the_draws_would_have_met(level):
+    # The chance of each draw to meet one of the first ranks, given the draws before it: of all orders that begin so.
+    count, model = 6, np.array([0.5, 0.5, 0.4, 0.3, 0.3, 0.1])
+    ways = {order: ordered(order, model, 0.2) for order in itertools.permutations(range(count), 4)}
+    chance: dict[tuple[int, ...], float] = {}
+    for order, (_, probability) in ways.items():
+        for n in range(5):
+            chance[order[:n]] = chance.get(order[:n], 0.0) + probability
+    for order, (waves, _) in ways.items():
+        limit = 1.0
+        for draws in (2, 4):
+            finished = np.isin(np.arange(count), order[:draws])
+            missed_by = np.ones(count)
+            for n in range(draws):
+                each = [0.0 if finished[rank] else chance[(*order[:n], rank)] for rank in range(count)]
+                missed_by *= 1 - np.cumsum(each) / chance[order[:n]]
+            fewest = int((missed_by > 1 - level).sum()) + 1
+            limit = min(fewest / count + exact_limit(count, level), limit)
+            told = ranked_limit(waves[: draws // 2], finished, np.full(count, 1 / count), None, level=level)
+            assert told == pytest.approx(limit)
 
 
 @pytest.mark.parametrize("where", ["bottom", "anywhere"])

@@ -274,6 +274,23 @@ def test_bad_populations_are_named():
         two_phase(Population(np.full(30, np.nan)), {}, AuditPlan(runs=20))
 
 
+@pytest.mark.parametrize("target", [None, 0.3])
+@pytest.mark.parametrize("pf", [0.2, 0.9])
+def test_the_variance_is_that_of_the_audit_and_the_binomial_one_of_the_samples(target, pf):
+    found = []
+    for seed in range(60):
+        displacement, failed = pair(60, pf, 0.6, seed)
+        estimate = two_phase(
+            Population(displacement), answers(failed), AuditPlan(runs=16, seed=seed, target_cov=target)
+        )
+        p = estimate.probability
+        if not any("refined run has failed" in note for note in estimate.notes):  # then a limit takes its place
+            found.append(p)
+            assert (estimate.cov * p) ** 2 == pytest.approx(estimate.audit_variance + p * (1 - p) / 60)
+    # Weights of draws may add up to more than all samples.
+    assert (max(found) == 1) == (pf == 0.9)
+
+
 @pytest.mark.parametrize("correlation", [0.8, 0.95])
 def test_bias_and_coverage_by_simulation(correlation):
     pf, count, repeats = 0.244, 400, 400
