@@ -31,6 +31,8 @@ def main() -> int:
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="data of others that a benchmark compares with")
     parser.add_argument("--binary", type=Path, metavar="PATH", help="program of others that a benchmark runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="beginnings of the names of cases to run")
+    parser.add_argument("--seed", type=int, metavar="N", help="by which a benchmark draws its cases")
+    parser.add_argument("--count", type=int, metavar="N", help="of cases that it draws")
     arguments = parser.parse_args()
     if arguments.keep and arguments.quick:
         parser.error("--keep and --quick: RESULTS.md holds whole runs, leave one of them out")
@@ -39,7 +41,8 @@ def main() -> int:
         print("\n".join(["benchmarks/RESULTS.md written", *(f"failed: {line}" for line in failed)]))
         return 1 if failed else 0
     run = module(arguments.name).run
-    options = {name: value for name in ("data", "binary", "only") if (value := getattr(arguments, name)) is not None}
+    given = {name: getattr(arguments, name) for name in ("data", "binary", "only", "seed", "count")}
+    options = {name: value for name, value in given.items() if value is not None}
     for name in options.keys() - inspect.signature(run).parameters.keys():
         parser.error(f"{arguments.name} takes no --{name}: leave it out")
     report: Report = run(quick=arguments.quick, **options)

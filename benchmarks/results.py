@@ -78,6 +78,7 @@ LONG = {
     "site_data": "sites",
     "real_slides": "sites",
     "real_assumptions": "sites",
+    "mutants": "project",
 }
 
 BENCHMARKS = SHORT | LONG
