@@ -1,7 +1,7 @@
 """Estimators, one class each: which runs they want, probability of failure, weights; shares and fits beside."""
 
 from cooperative.estimate._audit import AuditPlan
-from cooperative.estimate._audited import ESTIMATORS, SETTINGS, Audited, Subset, TwoPhase, named_estimator
+from cooperative.estimate._audited import Audited, Subset, TwoPhase
 from cooperative.estimate._estimates import (
     LEAST_FREEDOM,
     Estimate,
@@ -25,6 +25,7 @@ from cooperative.estimate._formulas import annual, as_answers, control_variate, 
 from cooperative.estimate._in_time import Bracket, critical_factor, first_guess, in_time, record_lows
 from cooperative.estimate._logistic import prior_chances
 from cooperative.estimate._means import Chances, Exceedance, chance_of, exceedance, mean_interval, mean_of
+from cooperative.estimate._named import ESTIMATORS, SETTINGS, named_estimator
 from cooperative.estimate._nested import draw_samples
 from cooperative.estimate._on_chart import fails_under, falling_chain, on_chart
 from cooperative.estimate._phases import NOT_ASKED, Phases, Slides

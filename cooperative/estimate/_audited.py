@@ -1,13 +1,13 @@
-"""Estimators that audit the answer of the rough grid: two-phase sampling, subset simulation; all that a scene can name.
+"""Estimators that audit the answer of the rough grid: two-phase sampling, subset simulation.
 
 Their refined runs are drawn at random where the rough result leaves most doubt.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, ClassVar
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._estimates import Estimate
 from cooperative.estimate._plain import (
     Budgeted,
-    ControlVariate,
-    MonteCarlo,
-    Published,
     check_all_run,
     check_rule,
     monte_carlo_of_all,
@@ -25,7 +22,7 @@ from cooperative.estimate._plain import (
     published_where_met,
     usual_budget,
 )
-from cooperative.estimate._protocol import Answers, Estimator, Failures, Population, Sampling, Screened
+from cooperative.estimate._protocol import Answers, Failures, Population, Sampling, Screened
 from cooperative.estimate._subset import SubsetPlan, replayed
 from cooperative.estimate._twophase import failures, next_audit, path, sample_weights, two_phase
 
@@ -180,36 +177,3 @@ class Subset(Audited):
             samples.rough_displacement, weight=samples.weight, replicate=samples.replicate, chains=samples.chains,
             number=samples.number, failure_displacement=sampling.failure_displacement,
         )  # fmt: skip
-
-
-ESTIMATORS = {kind.name: kind for kind in (TwoPhase, Published, ControlVariate, MonteCarlo, Subset)}
-"""By the name in a scene."""
-
-SETTINGS = tuple(
-    dict.fromkeys(setting.name for kind in ESTIMATORS.values() for setting in fields(kind) if setting.name != "seed")
-)
-"""Keys of a scene that are settings of one estimator or another; the seed is that of the plan."""
-
-
-def named_estimator(name: str, by_key: Mapping[str, Any]) -> Estimator:
-    """The estimator of this name with the settings that a scene gives.
-
-    Args:
-        name: of the estimator in a scene.
-        by_key: settings by key, None for one that is not given.
-
-    Raises:
-        ValueError: other settings that are not the estimator's, and for one that it cannot do without.
-    """
-    kind = ESTIMATORS[name]
-    settings = {key: value for key, value in by_key.items() if value is not None}
-    takes = {setting.name: setting for setting in fields(kind)}
-    for key, value in settings.items():
-        if key in SETTINGS and key not in takes:
-            others = [repr(n) for n, other in ESTIMATORS.items() if key in {f.name for f in fields(other)}]
-            raise ValueError(f"{key} = {value} is for estimator = {' or '.join(others)}, not {name!r}: leave it out")
-    for key, setting in takes.items():
-        if setting.default is MISSING and key not in settings:
-            raise ValueError(f"lacks {key}: add it, estimator = {name!r} needs it")
-    made: Estimator = kind(**{key: value for key, value in settings.items() if key in takes})
-    return made

@@ -63,7 +63,7 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
 def soil_limits() -> Mapping[str, Limit]:
     """Limits of the numbers of soil by the engineer's name, each with its unit.
 
-    Their order is that of a sample's coefficients, so a new one goes to the end.
+    Their order is that of a sample's coefficients: one put between others would give the samples of a seed other soil.
 
     Returns:
         Limit by name.
