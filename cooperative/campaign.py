@@ -23,15 +23,7 @@ import numpy as np
 from cooperative import runs
 from cooperative.estimate import Estimator, Phases, Sampling, Screened, Slides, Zone
 from cooperative.folder import Results, write_results
-from cooperative.scene import (
-    Campaign,
-    LongerSlides,
-    Measured,
-    check_samples,
-    in_folder,
-    keep,
-    measure,
-)
+from cooperative.scene import Campaign, LongerSlides, Measured, check_samples, in_folder, keep, measure
 from cooperative.store import (
     COARSE,
     IN_TIME,
@@ -104,27 +96,14 @@ def run(
     runs.refuse_unguarded(workers if executor is None else 1)
     runs.check_flags()
     folder = Path(folder)
-    if stored_text(folder, IN_TIME) is not None:
-        raise ValueError(
-            f"folder {folder} has samples that are asked in time: `jaxmpm resume {folder}` goes on with them; give "
-            "another folder to a campaign"
-        )
+    _refuse_in_time(folder)
     campaign, source = in_folder(scene, folder, estimator, refined_runs, slides_t_end)
-    if workers < 1:
-        raise ValueError(f"workers = {workers}: give 1 or more")
-    runs.packed(campaign)  # nothing is written for one that cannot be sent
-    check_samples(campaign)
-    runs.check_size(campaign, workers if executor is None else 1)
-    if isinstance(campaign.rank, str) and campaign.rank not in ranks:
-        remedy = "give run(..., ranks=cooperative.tools.safety.RANKS), as jaxmpm run does"
-        raise ValueError(f"coarse = {campaign.rank!r} is a name, for which there is no function: {remedy}")
-    pool = None
-    if executor is not None or workers > 1:
-        make = executor or partial(runs.process_pool, workers)
-        pool = runs.Workers(make, workers, ahead=0 if executor else workers)
+    pool = _workers(workers, executor)
+    _check(campaign, workers if executor is None else 1, ranks)
     with _opened(campaign, source, folder, pool, slides_t_end, progress=progress, verify=verify) as runner:
         on_phase("screening")
-        findings = screen(runner, draw(runner, ranks))
+        findings = draw(runner, ranks)
+        findings = screen(runner, findings)
         on_phase("audit")
         findings = refine(runner, findings)
         on_phase("slides")
@@ -198,12 +177,8 @@ class Runner:
 
         Yields each sample as it ends. Raises `Stopped` when asked to stop.
         """
-        plan, folder = self.campaign.plan, self.store.folder.resolve()
-        limit = plan.screening_stop if grid == "rough" else None
-        # A coarse run gives a rank alone, a refined one its class unless it slides.
-        if grid == COARSE or (grid == "refined" and plan.slides is not None and not slides):
-            limit = self.campaign.run.failure_displacement
-        rules = self.campaign.rules(limit)
+        folder = self.store.folder.resolve()
+        rules = self.campaign.rules(self.campaign.decided_at(grid, slides=slides))
         if self.workers is not None:
             ended = runs.run_through(
                 self.workers, self.packed, grid, numbers, coefficients, rules=rules, slides=slides,
@@ -217,6 +192,34 @@ class Runner:
         for sample in ended:
             yield sample
             self.stop.check()
+
+
+def _refuse_in_time(folder: Path) -> None:
+    """ValueError for the folder of samples that are asked in time."""
+    if stored_text(folder, IN_TIME) is not None:
+        raise ValueError(
+            f"folder {folder} has samples that are asked in time: `jaxmpm resume {folder}` goes on with them; give "
+            "another folder to a campaign"
+        )
+
+
+def _workers(count: int, executor: Callable[[], Executor] | None) -> runs.Workers | None:
+    """What runs so many samples at a time, None for this process; ValueError for none at a time."""
+    if count < 1:
+        raise ValueError(f"workers = {count}: give 1 or more")
+    if executor is None and count == 1:
+        return None
+    return runs.Workers(executor or partial(runs.process_pool, count), count, ahead=0 if executor else count)
+
+
+def _check(campaign: Campaign, processes: int, ranks: Ranks) -> None:
+    """ValueError for a campaign that cannot be sent, is too large for so many processes or lacks what ranks it."""
+    runs.packed(campaign)
+    check_samples(campaign)
+    runs.check_size(campaign, processes)
+    if isinstance(campaign.rank, str) and campaign.rank not in ranks:
+        remedy = "give run(..., ranks=cooperative.tools.safety.RANKS), as jaxmpm run does"
+        raise ValueError(f"coarse = {campaign.rank!r} is a name, for which there is no function: {remedy}")
 
 
 @contextmanager

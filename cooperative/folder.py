@@ -62,7 +62,7 @@ class Results:
     summary: Summary
     left_out: tuple[str, ...] = ()
 
-    def drawn(self, most: int = DRAWN_SLIDES) -> tuple[str, list[int]]:
+    def slides_to_draw(self, most: int = DRAWN_SLIDES) -> tuple[str, list[int]]:
         """Grid and numbers of the samples that a report draws.
 
         These are the farthest of each failure mode that occurs, then the next farthest; where nothing failed, the one
@@ -81,7 +81,7 @@ class Results:
 
     def soils(self, most: int = DRAWN_SLIDES) -> list[tuple[str, int]]:
         """Grid and sample of each random soil that a report draws: of the first sample on both grids."""
-        grid, (first, *others) = self.drawn(most)
+        grid, (first, *others) = self.slides_to_draw(most)
         return [*((name, first) for name in GRIDS), *((grid, number) for number in others)]
 
     @property
@@ -180,7 +180,7 @@ def write_results(results: Results, models: Mapping[str, runs.GridModel]) -> Non
     store, fields = results.store, results.summary.as_json()
     store_text(store, STORED, json.dumps({MADE_FROM: contents_sum(store), **fields}))
     files.write_aside(store.folder / SUMMARY, json.dumps(fields, indent=1).encode())
-    grid, _ = results.drawn()
+    grid, _ = results.slides_to_draw()
     coefficients = {run: read_sample(store, grid, run[1]).coefficients for run in results.soils()}
     # A run that was given up has no coefficients.
     soils = {run: runs.soil_of(models[run[0]], xi) for run, xi in coefficients.items() if xi.size}

@@ -32,13 +32,13 @@ class Ordered:
 
     Args:
         draw_weight: of each run in the estimate (n,), in proportion.
-        each: what each run alone would estimate (n,).
+        run_estimates: what each run alone would estimate (n,).
         to_run: samples that are to have run by the next look; as many as there are shares where the target is met or
             the budget spent.
     """
 
     draw_weight: np.ndarray
-    each: np.ndarray
+    run_estimates: np.ndarray
     to_run: int
 
 
@@ -86,7 +86,7 @@ def ordered_estimate(
     if min(failed, stand) == 0 or failed + stand == samples:
         return binomial(method, failed, max(failed + stand, 1.0), runs, level=level)
     chance = _expected(outcome, samples, control)
-    probability, variance = _scatter(ordered.draw_weight, ordered.each, chance)
+    probability, variance = _scatter(ordered.draw_weight, ordered.run_estimates, chance)
     proportion = min(max(probability, 0.0), 1.0)
     of_samples = proportion * (1 - proportion) / samples
     # The controlled sum leaves the sampling of the population out, the plain one holds it.

@@ -200,7 +200,7 @@ def _displacements(results: Results) -> dict[str, np.ndarray]:
 def _slopes(results: Results, slides: int, again: bool, estimator: Estimator | None) -> Iterator[Drawn]:
     """Pictures of chosen samples."""
     store, ground, chosen = results.store, results.ground, results.soils(slides)
-    grid, numbers = results.drawn(slides)
+    grid, numbers = results.slides_to_draw(slides)
     soils: Mapping[tuple[str, int], runs.SampleSoil] = runs.read_drawn(store.folder, chosen)
     samples = {number: read_sample(store, grid, number) for number in numbers}
     model_at: Callable[[Scalar | None], runs.GridModel] | None = None

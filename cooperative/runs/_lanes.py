@@ -27,9 +27,9 @@ def lanes_of(plan: Plan, grid: str, particles: float) -> int:
         grid: of the runs.
         particles: of one run.
     """
-    given = plan.look_ahead if grid == "refined" else plan.lanes
-    if given is not None:
-        return given
+    lanes = plan.look_ahead if grid == "refined" else plan.lanes
+    if lanes is not None:
+        return lanes
     if jax.default_backend() == "cpu":
         return 1
     if grid != "refined":
@@ -45,6 +45,6 @@ def lent_by(devices: Iterable[jax.Device]) -> float:
     Args:
         devices: of this process.
     """
-    held = [device.memory_stats() or {} for device in devices]
-    limits = [float(of_device.get("bytes_limit", 0)) for of_device in held]
+    statistics = [device.memory_stats() or {} for device in devices]
+    limits = [float(of_device.get("bytes_limit", 0)) for of_device in statistics]
     return min((limit for limit in limits if limit > 0), default=math.inf)

@@ -184,10 +184,10 @@ class GridModel:
         Raises:
             ValueError: another number of them.
         """
-        drawn = self._drawn(coefficients)
-        numbers = self._in_law(drawn, self.water_level(coefficients))
+        parameters = self._drawn(coefficients)
+        numbers = self._in_law(parameters, self.water_level(coefficients))
         law = {name: self._of_engineers(name, value, inverse=True) for name, value in numbers.items()}
-        return law | {name: drawn[name] for name in (*IN_LAW, *CONTACT) if name in drawn}
+        return law | {name: parameters[name] for name in (*IN_LAW, *CONTACT) if name in parameters}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The same as `solve_each` takes them: angles in radians, softening that of the grid's bands.
@@ -369,21 +369,21 @@ class GridModel:
         values = {PRESSURE: wet.loads.pore_pressure, "unit_weight": weight, ON_WALLS: wet.boundary.pressure}
         return {name: value for name in self.of_flow if (value := values[name]) is not None}
 
-    def _in_law(self, drawn: Mapping[str, jax.Array], level: float | None) -> dict[str, jax.Array]:
+    def _in_law(self, parameters: Mapping[str, jax.Array], level: float | None) -> dict[str, jax.Array]:
         """Numbers (N,) of the law by engineer's name, reduced where calibrated: the one way from soil to particle."""
-        drawn = {name: value for name, value in drawn.items() if name not in CONTACT}
-        numbers = {name: self._of_engineers(name, value) for name, value in drawn.items() if name not in IN_LAW}
+        parameters = {name: value for name, value in parameters.items() if name not in CONTACT}
+        numbers = {name: self._of_engineers(name, value) for name, value in parameters.items() if name not in IN_LAW}
         site, soil = self.campaign.site, self.campaign.soil
         layer = np.zeros(self.scene.particles.mass.size, int) if self.layer is None else self.layer
-        if SATURATED in drawn or wetted(site, soil):
-            weights = drawn.get(SATURATED), drawn.get("unit_weight")
+        if SATURATED in parameters or wetted(site, soil):
+            weights = parameters.get(SATURATED), parameters.get("unit_weight")
             numbers["unit_weight"] = wet_or_dry(self.scene, site, soil, layer, *weights, level)
         if "k0" in numbers:
             everywhere = self.scene.loads.k0
             assert everywhere is not None  # a layer without one has that of the scene
             numbers["k0"] = jnp.where(jnp.isnan(numbers["k0"]), everywhere, numbers["k0"])
         if self.stress is not None:
-            grown = by_stress(site, soil, layer, self.stress, drawn.get(RATIO), numbers.get("strength"))
+            grown = by_stress(site, soil, layer, self.stress, parameters.get(RATIO), numbers.get("strength"))
             numbers["strength"] = self._of_engineers("strength", grown)
         if self.strength_factor == 1:
             return numbers

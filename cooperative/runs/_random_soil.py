@@ -63,20 +63,20 @@ class Group:
     measured: tuple[tuple[str, RandomField, np.ndarray], ...] = ()
 
     def coefficients(
-        self, sample: jax.Array | np.ndarray, drawn: Mapping[str, Marginal] = MappingProxyType({})
+        self, sample: jax.Array | np.ndarray, marginals: Mapping[str, Marginal] = MappingProxyType({})
     ) -> dict[str, jax.Array | np.ndarray]:
         """The coefficients (M,) of each parameter's field.
 
         Args:
             sample: (modes,) of the sample.
-            drawn: marginals of the sample by parameter, of those whose mean is uncertain.
+            marginals: of the sample by parameter, of those whose mean is uncertain.
         """
         vector = sample if self.indices is None else jnp.asarray(sample)[self.indices]
         conditioning = self.conditioning
         if conditioning is not None:
             if self.measured:
                 scores = [
-                    drawn.get(name, field.distribution).standardise(jnp.asarray(at))
+                    marginals.get(name, field.distribution).standardise(jnp.asarray(at))
                     for name, field, at in self.measured
                 ]
                 conditioning = replace(conditioning, mean=conditioning.gain @ jnp.concatenate(scores))
@@ -149,7 +149,7 @@ class RandomSoil:
         if not isinstance(field, RandomField):
             return kl.Normal(field, 0.0)
         scores = self.scores(sample, stops).get(name)
-        return field.drawn(scores) if scores is not None and field.uncertain else field.distribution
+        return field.marginal_of(scores) if scores is not None and field.uncertain else field.distribution
 
     def factor(self, field: RandomField | float, sample: jax.Array | np.ndarray) -> jax.Array | None:
         """What multiplies a parameter everywhere in a layer, measured values included; None for nothing.
@@ -187,8 +187,8 @@ class RandomSoil:
         sample = sample[: self.of_fields]
         groups = [group for group in self.groups if group.layer == layer]
         scores = self.scores(sample, layer)
-        drawn = {name: field.drawn(scores[name]) for stops, name, field in self.uncertain if stops == layer}
-        return {name: values for group in groups for name, values in group.coefficients(sample, drawn).items()}
+        marginals = {name: field.marginal_of(scores[name]) for stops, name, field in self.uncertain if stops == layer}
+        return {name: values for group in groups for name, values in group.coefficients(sample, marginals).items()}
 
     def groups_of(self, parameter: str) -> Mapping[int | None, Group]:
         """The groups that a parameter is of, by the layer at which their fields stop."""

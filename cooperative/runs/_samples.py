@@ -87,12 +87,12 @@ def run_samples(
         if on_chunk is not None:
             on_chunk(chunk)
 
-    drawn_numbers, drawn = tee(until_stopped())
+    to_run, to_draw = tee(until_stopped())
     names = model.varied_names
-    soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in drawn), len(names))
+    soils = tee((model.varied(jnp.asarray(coefficients[number])) for number in to_draw), len(names))
     varied = {name: map(itemgetter(name), soil_of_sample) for name, soil_of_sample in zip(names, soils, strict=True)}
     for number, result in solve_each(
-        model.scene, model.state, varied, numbers=drawn_numbers, width=model.lanes if width is None else width,
+        model.scene, model.state, varied, numbers=to_run, width=model.lanes if width is None else width,
         t_end=model.t_end, rules=model.campaign.rules() if rules is None else rules,
         hooks=Hooks(under_way.begin, looked, under_way.remember if under_way.remembers else None),
     ):  # fmt: skip
@@ -251,16 +251,9 @@ def finished_run(
     if (level := model.water_level(coefficients)) is not None:
         row["water_level"] = level
     return FinishedRun(
-        number=number,
-        status=Status(int(result.status)).name,
-        steps=int(result.state.step),
-        seconds=seconds,
-        coefficients=coefficients,
-        row=row,
-        fields=fields,
-        dtype=str(result.state.displacement.dtype),
-        device=jax.devices()[0].device_kind,
-    )
+        number, Status(int(result.status)).name, int(result.state.step), seconds, coefficients, row, fields,
+        dtype=str(result.state.displacement.dtype), device=jax.devices()[0].device_kind,
+    )  # fmt: skip
 
 
 def _fields_at_end(result: Result) -> dict[str, np.ndarray]:

@@ -202,8 +202,8 @@ def _check_memory(sizes: Mapping[str, GridSize], workers: int, lanes: Mapping[st
     remedy = "give larger cells and spacings, fewer lanes or fewer workers"
     lent, alone = lent_by(devices_of()), dict.fromkeys(sizes, 1)
 
-    def models(lanes: Mapping[str, int], each: float) -> float:
-        one = sum(size.memory(lanes[grid]) for grid, size in sizes.items()) + each
+    def models(lanes: Mapping[str, int], process: float) -> float:
+        one = sum(size.memory(lanes[grid]) for grid, size in sizes.items()) + process
         # The controller builds both grids too, to see that they fit.
         return one + (workers * one if workers > 1 else 0.0)
 

@@ -224,7 +224,7 @@ class Campaign(Part):
     def varying_in(self, number: int) -> Mapping[str, RandomField]:
         """What varies by a field that stops at a layer of this number, by parameter of the soil or the flow."""
         layer, flows = self.site.layers[number], self.conductivities.get(number)
-        stopping = {name: field for name, field in layer.random.items() if name in layer.own}
+        stopping = {name: field for name, field in layer.random.items() if name in layer.stopping}
         return stopping if flows is None else {**stopping, CONDUCTIVITY: flows}
 
     def drained(self) -> Campaign:
@@ -309,6 +309,17 @@ class Campaign(Part):
         """
         shaken, softens = self.motion is not None, self.site.softens_linearly(self.soil)
         return self.run.rules(limit, self.failing_volume, softens=softens, shaken=shaken)
+
+    def decided_at(self, grid: str, *, slides: bool = False) -> float | None:
+        """Displacement (m) at which runs of a grid end, None where more is asked of them than a rank or a class.
+
+        Args:
+            grid: "coarse", "rough" or "refined".
+            slides: whether they go on to the end of their slides.
+        """
+        fails, plan = self.run.failure_displacement, self.plan
+        refined = None if slides or plan.slides is None else fails
+        return {"coarse": fails, "rough": plan.screening_stop, "refined": refined}[grid]
 
     @cached_property
     def grids(self) -> Mapping[str, Discretisation]:

@@ -44,14 +44,14 @@ class Files:
     """What the files hold that a scene names.
 
     Args:
-        known: points and rasters by name.
+        contents: points and rasters by name.
         folder: where those lie that are not known yet, None where there are no more.
         origin: subtracted from coordinates in the projection of the files (m); of a section along x alone.
         outside: whether files may lie outside the folder.
         projections: coordinate systems of those that have one, by name; the first is the surface's.
     """
 
-    known: dict[str, object]
+    contents: dict[str, object]
     folder: Path | None = None
     origin: tuple[float, ...] = (0.0, 0.0)
     outside: bool = False
@@ -74,8 +74,8 @@ class Files:
 
     def table(self, terrain: tables.TerrainTable | None) -> dict[str, object]:
         """The table `files`: of a raster the part between the walls of [terrain], at its step if that reaches them."""
-        content = dict(self.known)
-        for name, raster in self.known.items():
+        content = dict(self.contents)
+        for name, raster in self.contents.items():
             if isinstance(raster, Raster) and terrain is not None:
                 x, y = raster.ends
                 try:
@@ -194,15 +194,15 @@ class Files:
 
     def _content(self, name: str, kind: type[T], read: Callable[[], T], remedy: str = "run the scene's own file") -> T:
         """What a file holds, read from the folder where it is not known yet."""
-        if self.folder is not None and name not in self.known:
+        if self.folder is not None and name not in self.contents:
             try:
-                self.known[name] = read()
+                self.contents[name] = read()
             except ValueError as error:
                 if "\0" in name or ("\\" not in name and name.isprintable()):
                     raise
                 rule = f"has a backslash, or a special character that one gave ({error})"
                 raise Invalid((), shown(name), rule, "write folders of a path with / in between") from error
-        content = self.known.get(name)
+        content = self.contents.get(name)
         if not isinstance(content, kind):
             raise _not_read(name, remedy)
         return content

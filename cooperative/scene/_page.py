@@ -14,12 +14,13 @@ from typing import get_origin
 from cooperative.example_scenes import NAMED, SCHEMA
 from cooperative.scene import tables
 from cooperative.scene._files import toml_value
+from cooperative.store import STORED_TABLES
 from jaxmpm.support.files import write_aside
 
 TABLES: Mapping[str, type[tables.Part]] = {
     name: table
     for name, field in tables.keys(tables.SceneTable).items()
-    if name not in tables.STORED and (table := tables.table_in(field)) is not None
+    if name not in STORED_TABLES and (table := tables.table_in(field)) is not None
 }
 """The tables that a scene may have, by name."""
 SEVERAL = tuple(
@@ -183,12 +184,12 @@ def _unit(schema: tables.Schema) -> str:
 def _allowed(table: type[tables.Part], name: str, schema: tables.Schema) -> str:
     """What a key may hold; of a table of its own, what that one's keys may."""
     inner: type | None = tables.table_in(tables.keys(table)[name])
-    words = "a table" if "$ref" in schema else tables.wanted(schema)
+    words = "a table" if "$ref" in schema else tables.allowed_values(schema)
     if inner is None or inner is tables.RandomField or not words.endswith("a table"):
         return words
     keys = tables.schema_of(inner)["properties"].items()
     return f"{words}: " + "; ".join(
-        f"`{key}` {tables.wanted(annotation)} ({_unit(annotation) or '-'})" for key, annotation in keys
+        f"`{key}` {tables.allowed_values(annotation)} ({_unit(annotation) or '-'})" for key, annotation in keys
     )
 
 

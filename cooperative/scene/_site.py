@@ -40,7 +40,7 @@ class SiteLayer:
         layer: its soil with the means of what varies, and its lower boundary.
         random: what varies in it, by parameter.
         rock: whether it is rock, whose strength no load of a slope reaches.
-        own: parameters whose field stops at the layer, independent of all others; those of the rest go through all
+        stopping: parameters whose field stops at the layer, independent of all others; those of the rest go through all
             layers.
         top: elevation (m), or points (x, z) m, of its top before a cut, None for its top as drawn.
     """
@@ -49,7 +49,7 @@ class SiteLayer:
     layer: Layer
     random: Mapping[str, RandomField]
     rock: bool
-    own: tuple[str, ...] = ()
+    stopping: tuple[str, ...] = ()
     top: float | tuple[tuple[float, float], ...] | None = None
 
     def before(self, x: np.ndarray) -> np.ndarray | None:
@@ -213,7 +213,7 @@ class Site:
 
     def all_random(self, random: Mapping[str, RandomField]) -> Mapping[str, RandomField]:
         """What varies, by parameter in the order of `LIMITS`: of the whole scene, then of the first layer."""
-        stopped = {name: layer.random[name] for layer in reversed(self.layers) for name in layer.own}
+        stopped = {name: layer.random[name] for layer in reversed(self.layers) for name in layer.stopping}
         every = {**stopped, **random}
         return {name: every[name] for name in LIMITS if name in every}
 
@@ -222,7 +222,7 @@ class Site:
 
         It has none where every layer in which it varies has its own.
         """
-        stops = [parameter in layer.own for layer in self.layers if parameter in layer.random]
+        stops = [parameter in layer.stopping for layer in self.layers if parameter in layer.random]
         return not stops or not all(stops)
 
     def box_of(self, number: int) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -18,14 +18,7 @@ from cooperative.scene._site import Site
 from cooperative.scene._soil import soils_of
 from cooperative.scene._varied import variants_of
 from cooperative.store import Source, table_of, tables_of
-from jaxmpm import (
-    Raster,
-    Scene,
-    Section,
-    Slope,
-    State,
-    Terrain,
-)
+from jaxmpm import Raster, Scene, Section, Slope, State, Terrain
 from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.table import decoded
 from jaxmpm.support.text import short, shown
@@ -56,7 +49,7 @@ def parse(origin: Source | str | Path, estimator: Estimator | None = None) -> Ca
     """
     source = source_of(origin)
     scene = tables.read(tables.SceneTable, source.tables, files=Files.of(source.tables.get("files")))
-    with tables.in_words(tables.SceneTable, source.tables):
+    with tables.naming_keys(tables.SceneTable, source.tables):
         if scene.sweep is not None or scene.scenario is not None:
             table = "[[scenario]]" if scene.sweep is None else "[sweep]"
             raise Invalid((), None, f"has a table {table}, so it is many campaigns", "run it by `jaxmpm sweep`")
@@ -183,10 +176,10 @@ def with_files(text: str, folder: Path, *, outside: bool) -> Source:
         return source
     files = Files({}, folder, _origin(source.tables), outside)
     scene = tables.read(tables.SceneTable, source.tables, files=files)
-    with tables.in_words(tables.SceneTable, source.tables):
+    with tables.naming_keys(tables.SceneTable, source.tables):
         for variant in variants_of(source.tables):
             tables.read(tables.SceneTable, variant.tables, files=files)  # it may name files of its own
-    return Source(text, {"files": files.table(scene.terrain)} if files.known else {})
+    return Source(text, {"files": files.table(scene.terrain)} if files.contents else {})
 
 
 def text_of(path: Path) -> str:

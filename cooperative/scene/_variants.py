@@ -8,7 +8,7 @@ from pathlib import Path
 
 import kl
 from cooperative.estimate import Sampling
-from cooperative.scene import tables as known
+from cooperative.scene import tables as declared
 from cooperative.scene._campaign import Campaign
 from cooperative.scene._files import to_toml
 from cooperative.scene._in_folder import stored_measured
@@ -52,7 +52,7 @@ def variants(scene: Source | str | Path) -> list[Variant]:
         ValueError: these are missing or hold what cannot be swept.
     """
     source = source_of(scene)
-    with known.in_words(known.SceneTable, source.tables):
+    with declared.naming_keys(declared.SceneTable, source.tables):
         return _variants(source)
 
 
@@ -157,12 +157,12 @@ def _axes(dimension: int) -> tuple[str, ...]:
     return LENGTHS if dimension == 3 else ("lx", "lz")
 
 
-def _sweep(tables: Mapping[str, object]) -> known.Sweep:
+def _sweep(tables: Mapping[str, object]) -> declared.Sweep:
     """The table `[sweep]`, checked as far as it can be without the scene; Invalid without it or a scenario."""
     table = tables.get("sweep", {})
     if not isinstance(table, dict) or not (table or SCENARIO in tables):
         raise Invalid((), None, "has no table [sweep]", "give one, for example with lx = [10, 30, 60, 120]")
-    return known.read(known.Sweep, table, "sweep")
+    return declared.read(declared.Sweep, table, "sweep")
 
 
 def with_measured_of_base(part: Variant, folder: Path) -> Source:
@@ -182,7 +182,7 @@ def with_measured_of_base(part: Variant, folder: Path) -> Source:
     if (
         campaign.plan.calibrate
         and campaign.measured.calibration is None
-        and not set(part.changes) & {*GRIDS, *known.SITES}
+        and not set(part.changes) & {*GRIDS, *declared.SITES}
     ):
         assert there.calibration is not None
         stored["calibration"] = asdict(there.calibration)

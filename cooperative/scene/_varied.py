@@ -13,11 +13,11 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from cooperative.scene import tables
-from cooperative.store import table_of, tables_of
+from cooperative.store import STORED_TABLES, table_of, tables_of
 from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.text import shown
 
-FIXED = ("campaign", "sweep", "scenario", "name", *tables.STORED)
+FIXED = ("campaign", "sweep", "scenario", "name", *STORED_TABLES)
 """Tables that no path leads into: a sweep has one campaign's samples."""
 FREQUENCY = "campaign.annual_frequency"
 """The one key of these that campaigns with the same samples may differ in: how often the trigger of each comes."""
@@ -113,7 +113,7 @@ def number_at(scene: Mapping[str, object], name: str) -> KeyPath:
     schema = tables.schema_of(path.owner)["properties"][path.key]
     kinds = {part.get("type") for part in (schema, *schema.get("oneOf", ()), *schema.get("anyOf", ()))}
     if not kinds & {"number", "integer"}:
-        rule = f"is no number but {tables.wanted(schema, ends=False)}"
+        rule = f"is no number but {tables.allowed_values(schema, ends=False)}"
         raise Invalid((name,), None, rule, "change it in a [[scenario]]")
     return path
 

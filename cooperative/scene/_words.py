@@ -63,7 +63,7 @@ def _is_pure(value: object) -> bool:
     return isinstance(value, FunctionType) and "path" not in inspect.signature(value).parameters
 
 
-OF_THE_FOLDER = ("measured", "raised", "source")
+ADDED_BY_FOLDER = ("measured", "raised", "source")
 """Fields of a campaign that its folder adds."""
 
 
@@ -200,7 +200,7 @@ def _script_of(value: type | FunctionType) -> str:
 
 
 def _fields_of_script(campaign: Campaign) -> list[str]:
-    return [part.name for part in dataclasses.fields(campaign) if part.name not in OF_THE_FOLDER]
+    return [part.name for part in dataclasses.fields(campaign) if part.name not in ADDED_BY_FOLDER]
 
 
 def of_words(words: object, what: str) -> Any:

@@ -38,7 +38,7 @@ from cooperative.store._samples import (
     Store,
     mixed_versions,
 )
-from cooperative.store._source import SCRIPTS, Source, scene_digest, source_from, table_of, tables_of
+from cooperative.store._source import SCRIPTS, STORED_TABLES, Source, scene_digest, source_from, table_of, tables_of
 from jaxmpm.support.files import DamagedFile, own_folder, write_aside
 from jaxmpm.support.hdf5 import Scalar
 
@@ -57,6 +57,7 @@ __all__ = [
     "SLIDES",
     "SLIDES_END",
     "SLIDES_IN_TIME",
+    "STORED_TABLES",
     "SUMMARY",
     "DamagedFile",
     "FinishedRun",

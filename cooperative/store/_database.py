@@ -43,18 +43,9 @@ MENDED = "`jaxmpm resume` keeps what is whole and runs the rest again, or put ba
 Value = float | int | str | bytes | None
 Row = Mapping[str, Value]
 
-SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, FACTORS, SUMMARY = (
-    "scene",
-    "beside",
-    "measured",
-    "budget",
-    "slides_t_end",
-    "scores",
-    "in_time",
-    "factors",
-    "summary",
-)
-TEXTS = (SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, FACTORS, SUMMARY)
+TEXTS = SCENE, BESIDE, MEASURED, BUDGET, SLIDES_END, SCORES, IN_TIME, FACTORS, SUMMARY = (
+    "scene", "beside", "measured", "budget", "slides_t_end", "scores", "in_time", "factors", "summary",
+)  # fmt: skip
 """Names of the texts of table `campaign`: the scene in TOML, and the others in JSON.
 
 Samples that are asked in time have a text for each answer besides.
@@ -202,10 +193,8 @@ def explained(path: Path) -> Iterator[None]:
             case sqlite3.SQLITE_FULL:
                 number, remedy = errno.ENOSPC, "make room"
             case sqlite3.SQLITE_READONLY | sqlite3.SQLITE_CANTOPEN | sqlite3.SQLITE_PERM:
-                number, remedy = (
-                    errno.EACCES,
-                    "have it and its folder writable, or copy the folder to where you may write",
-                )
+                number = errno.EACCES
+                remedy = "have it and its folder writable, or copy the folder to where you may write"
             case sqlite3.SQLITE_BUSY | sqlite3.SQLITE_LOCKED | sqlite3.SQLITE_PROTOCOL:
                 number = errno.EBUSY
                 remedy = "end the other program that has it open, or put it on a file system that has locks"

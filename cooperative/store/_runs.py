@@ -42,6 +42,11 @@ COLUMN_TYPES = {bool: "BOOLEAN", int: "INTEGER", float: "REAL", str: "TEXT"}
 REQUIRED = {*sql.ABOUT, "displacement", "broke_off"} - {"fields_sha256"}
 
 
+def stored_as(grid: str) -> tuple[str, ...]:
+    """What column `grid` holds for runs of a grid; a later one stands for the one before, a slide for a refined run."""
+    return (grid, SLIDES) if grid == "refined" else (grid,)
+
+
 def fields_path(folder: Path, grid: str, number: int, sha256: str) -> Path:
     """File of the fields of one run.
 
@@ -203,7 +208,7 @@ def read_rows(
         if store.connection is None:  # the controller has checked when it opened
             sql.refuse_damaged(store.path, database)
         columns = sql.columns_of(database)
-        for stored in (grid, SLIDES) if grid == "refined" else (grid,):
+        for stored in stored_as(grid):
             query = f"SELECT * FROM run WHERE {OF_GRID} ORDER BY sample"
             with closing(database.execute(query, (stored, *STORED))) as found:
                 for values in found:
@@ -236,28 +241,22 @@ def read_sample(store: Store, grid: str, number: int) -> FinishedRun:
         DamagedFile: it cannot be trusted.
         ValueError: it has not run.
     """
-    grids = ("refined", SLIDES) if grid == "refined" else (grid, grid)
+    query = "SELECT * FROM run WHERE grid = ? AND sample = ?"
     with store.reading() as database:
         columns = sql.columns_of(database)
-        of_both = "SELECT * FROM run WHERE grid IN (?, ?) AND sample = ? ORDER BY grid DESC"
-        values = database.execute(of_both, (*grids, number)).fetchone()
+        found = (database.execute(query, (stored, number)).fetchone() for stored in reversed(stored_as(grid)))
+        values = next(filter(None, found), None)
     if values is None:
         raise ValueError(f"sample {number} of the {grid} grid is not in {store.path}: give one that has run")
     row = dict(zip(columns, values, strict=True))
     try:
         record, path = _record(store.digest, columns, row), _file_of(store, row)
+        fields = {} if path is None else _read_fields(path, row["fields_sha256"])
+        coefficients = np.frombuffer(cast(bytes, row["coefficients"]), "<f8")
         return FinishedRun(
-            number=number,
-            status=record.status,
-            steps=record.steps,
-            seconds=record.seconds,
-            coefficients=np.frombuffer(cast(bytes, row["coefficients"]), "<f8"),
-            row=record.row,
-            fields={} if path is None else _read_fields(path, row["fields_sha256"]),
-            dtype=str(row["dtype"]),
-            device=str(row["device"]),
-            versions=record.versions,
-        )
+            number, record.status, record.steps, record.seconds, coefficients, record.row, fields,
+            dtype=str(row["dtype"]), device=str(row["device"]), versions=record.versions,
+        )  # fmt: skip
     except DamagedFile as error:
         where = f"{store.path}: sample {number} of the {grid} grid"
         raise DamagedFile(f"{where} {error}: `jaxmpm resume --verify` sets it aside and runs it again") from error

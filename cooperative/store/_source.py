@@ -25,8 +25,8 @@ INDEX = 8
 """Characters of the number of a value in a list."""
 DEEPEST = 64
 """Tables and lists within each other."""
-OF_THE_FOLDER = ("files", "estimator", "calibration", "limit_load")
-"""Tables that are the folder's where a scene that is given again does not have them."""
+STORED_TABLES = ("files", "estimator", "calibration", "limit_load")
+"""Tables that a campaign wrote into the scene that its folder keeps: a scene that is given again need not have them."""
 
 
 @by_value
@@ -73,7 +73,7 @@ class Source:
 
     def completed(self, there: Source) -> Source:
         """A scene that is given again, with the tables of its folder that it does not have."""
-        missing = {key: there.tables[key] for key in OF_THE_FOLDER if key in there.tables and key not in self.tables}
+        missing = {key: there.tables[key] for key in STORED_TABLES if key in there.tables and key not in self.tables}
         return Source(self.text, {**self.beside, **missing})
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from cooperative.estimate import Phases, Slides
 from cooperative.measure import EDGE
 from cooperative.scene import Campaign, doubts
-from cooperative.store import Rows, mixed_versions
+from cooperative.store import GRIDS, Rows, mixed_versions
 from cooperative.summary._slides import in_range, out_of_range
 from cooperative.summary._values import CutOff
 from jaxmpm.run import Early
@@ -82,8 +82,7 @@ def notes_of(
             f"more than {NEAR_FAILURE:g} of the {run.failure_displacement:g} m of a failure: such a slope can creep on "
             "and fail later. [run] settle = false runs every sample to t_end"
         )
-    classes = [grid for grid, stop in (("rough", campaign.plan.screening_stop), ("refined", campaign.plan.slides))
-               if stop is not None]  # fmt: skip
+    classes = [grid for grid in GRIDS if campaign.decided_at(grid) is not None]
     if classes and any(isinstance(rule, Early) for rule in campaign.rules(run.failure_displacement)):
         notes.append(
             f"{' and '.join(classes)} runs ended once the rate of their plastic strain showed the class ([run] early). "

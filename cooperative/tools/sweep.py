@@ -215,7 +215,7 @@ def _run_all(parts: list[Variant], folder: Path, *, workers: int, progress: bool
     )
     write_aside(folder / "sweep.json", text.encode())
     write_aside(folder / "sweep.csv", figures.table(base, parameters).encode())
-    pictures = list(figures.drawn(base, parameters, fragility))
+    pictures = list(figures.draw(base, parameters, fragility))
     for figure in pictures:
         save(figure.figure, own_folder(folder / "figures") / f"{figure.name}.png")
     scene = _stored_source(folder)

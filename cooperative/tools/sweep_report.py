@@ -210,7 +210,7 @@ def _limits(interval: Sequence[float]) -> str:
     return f"({interval[0]:.3g} to {interval[1]:.3g})"
 
 
-def drawn(base: Point, parameters: Parameters, fragility: Fragility) -> Iterator[Drawn]:
+def draw(base: Point, parameters: Parameters, fragility: Fragility) -> Iterator[Drawn]:
     """The figures of a sweep, those that there are data for.
 
     Args:
@@ -244,7 +244,7 @@ def page(base: Point, parameters: Parameters, figures: Sequence[Drawn], scene: s
     Args:
         base: the scene as it is.
         parameters: points of `sweep.json` by parameter.
-        figures: as `drawn` gives them.
+        figures: as `draw` gives them.
         scene: its text.
     """
     return document(base.summary.name, _parts(base, parameters, figures, scene))

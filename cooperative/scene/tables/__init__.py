@@ -9,16 +9,16 @@ from cooperative.scene.tables._motion import AXES, Motion
 from cooperative.scene.tables._motion import UNITS as ACCELERATIONS
 from cooperative.scene.tables._reading import (
     Schema,
+    allowed_values,
     first_entry,
-    in_words,
+    naming_keys,
     parts,
     read,
     schema_of,
     table_in,
-    wanted,
 )
 from cooperative.scene.tables._run import Run
-from cooperative.scene.tables._scene import SITES, STORED, SceneTable
+from cooperative.scene.tables._scene import SITES, SceneTable
 from cooperative.scene.tables._seepage import Drawdown, HydraulicLayer, Hydraulics, Rain, RandomConductivity, Seepage
 from cooperative.scene.tables._soil import LayerTable, SoilTable, has_strength, kind_of
 from cooperative.scene.tables._stored import MOST_RUNS, Budget, Calibration, LimitLoad, LongerSlides, Measured

@@ -11,8 +11,10 @@ from pydantic import model_validator as validates
 
 from cooperative.measure import PUBLISHED, ElementAtRisk, Intensity, Vulnerability, quantity
 from cooperative.scene.tables._key import (
+    LONGEST_LABEL,
     Count,
     FromZero,
+    Label,
     Metres,
     Number,
     OrFile,
@@ -21,12 +23,9 @@ from cooperative.scene.tables._key import (
     Polygon,
     key,
     of_features,
-    plain_name,
     table,
 )
 from jaxmpm.support.check import Invalid
-
-LONGEST_NAME = 60
 
 
 def _threshold(text: str) -> str:
@@ -95,9 +94,7 @@ class Exposed(Part):
     x and y are those of the scene, not counted from the toe.
     """
 
-    name: Annotated[str, plain_name(LONGEST_NAME)] = key(
-        "Its name, of which there is one.", "road", allowed=f"text of up to {LONGEST_NAME} characters"
-    )
+    name: Label = key("Its name, of which there is one.", "road", allowed=f"text of up to {LONGEST_LABEL} characters")
     at: Annotated[tuple[Metres, ...], Strict(False), MinLen(1), MaxLen(2)] | None = key(
         "A point: `[x]` in a section, `[x, y]` in 3D.", [72.0], None, allowed="[x] in a section, [x, y] in 3D"
     )

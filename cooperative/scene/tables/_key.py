@@ -264,6 +264,14 @@ def plain_name(most: int) -> AfterValidator:
     return AfterValidator(lambda name: check_name(name, most))
 
 
+Name = Annotated[str, plain_name(200)]
+"""Of a campaign or a layer."""
+LONGEST_LABEL = 60
+"""Characters of the name of an element at risk or a scenario, by which columns and figures are labelled."""
+Label = Annotated[str, plain_name(LONGEST_LABEL)]
+MOST_TABLES = 100
+"""Tables that one key may have: layers, elements at risk, scenarios."""
+
 Pair = Annotated[tuple[T, T], Strict(False)]
 Several = Annotated[tuple[T, ...], Strict(False), MinLen(1)]
 PerAxis = Annotated[tuple[T, ...], Strict(False), MinLen(1), Field(json_schema_extra={"per": "axis"})]

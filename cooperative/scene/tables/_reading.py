@@ -71,7 +71,7 @@ def refusal(table: type[Part], values: Mapping[str, object], error: ValidationEr
 
 
 @contextmanager
-def in_words(table: type[Part], values: object) -> Iterator[None]:
+def naming_keys(table: type[Part], values: object) -> Iterator[None]:
     """Name the key of what is refused inside, and the tables around it.
 
     Args:
@@ -247,15 +247,15 @@ def _wrong(entry: _Entry, error: ErrorDetails) -> ValueError:
         elif kind in RANGE:
             number = f"{value:g}" if isinstance(value, int | float) else shown_value
             shown_value = f"{number} {first_entry(schema, 'unit', '')}".rstrip()
-            allowed = wanted(schema["oneOf"][0] if "oneOf" in schema else schema)  # of a number, or a table, the number
-            remedy = f"give {allowed}{schema.get('remedy', '')}"
+            number_alone = schema["oneOf"][0] if "oneOf" in schema else schema  # of a number, or a table
+            remedy = f"give {allowed_values(number_alone)}{schema.get('remedy', '')}"
         elif kind in CHOICE:
             meant = [f" (did you mean {word}?)" for word in _meanings(schema.get("named", ""), str(value))]
             nearest = _nearest(value, first_entry(schema, "enum", list[str]()))
-            remedy = f"give {wanted(schema)}{meant[0] if meant else nearest}"
+            remedy = f"give {allowed_values(schema)}{meant[0] if meant else nearest}"
         else:
             rule = f"is {_kind(value)}" if error["input"] is value and kind.endswith("_type") else ""
-            remedy = f"give {wanted(schema, ends=False)}"
+            remedy = f"give {allowed_values(schema, ends=False)}"
     return Invalid(entry.place, shown_value, rule, remedy, subject)
 
 
@@ -359,7 +359,7 @@ def first_entry(schema: object, name: str, otherwise: T) -> T:
     return next(filter(None, (first_entry(part, name, otherwise) for part in within)), otherwise)
 
 
-def wanted(schema: Schema, *, ends: bool = True) -> str:
+def allowed_values(schema: Schema, *, ends: bool = True) -> str:
     """What a key may hold, in words.
 
     Args:
@@ -369,7 +369,7 @@ def wanted(schema: Schema, *, ends: bool = True) -> str:
     if "allowed" in schema:
         return str(schema["allowed"])
     if others := schema.get("oneOf", schema.get("anyOf")):
-        return ", or ".join(wanted(part, ends=ends) for part in others)
+        return ", or ".join(allowed_values(part, ends=ends) for part in others)
     if "enum" in schema:
         return f"one of {', '.join(map(repr, schema['enum']))}"
     if "const" in schema:
@@ -407,7 +407,7 @@ def _list(schema: Schema, ends: bool) -> str:
     words = f"a list of {'different ' if schema.get('uniqueItems') else ''}{kinds.get(item['type'], 'numbers')}"
     words += ", one per axis" if schema.get("per") == "axis" else ""
     return (
-        f"{words}, each {wanted(item).removeprefix('a whole number of ')}"
+        f"{words}, each {allowed_values(item).removeprefix('a whole number of ')}"
         if ends and _limit(item) != Limit()
         else words
     )

@@ -13,7 +13,7 @@ from pydantic.config import JsonDict
 from cooperative.scene.tables._campaign import CampaignGrid, PlanAndEstimator
 from cooperative.scene.tables._ground import GroundTable, SlopeTable, TerrainTable, Water
 from cooperative.scene.tables._hazard import Exposed, Hazard
-from cooperative.scene.tables._key import OrTable, Part, plain_name, table
+from cooperative.scene.tables._key import MOST_TABLES, Name, OrTable, Part, table
 from cooperative.scene.tables._motion import Motion
 from cooperative.scene.tables._run import Run
 from cooperative.scene.tables._seepage import Drawdown, Rain
@@ -24,12 +24,8 @@ from cooperative.scene.tables._varying import CrossCorrelation, RandomField
 from jaxmpm.laws import MuI
 from jaxmpm.support.check import Invalid, at
 
-LONGEST_NAME = 200
-MOST_LAYERS = 100
 SITES = ("slope", "ground", "terrain")
 """Tables of which a scene has one: it describes the ground."""
-STORED = ("calibration", "estimator", "files", "limit_load")
-"""Tables that a campaign wrote into the scene that it keeps."""
 
 
 @table
@@ -38,11 +34,11 @@ class SceneTable(Part):
 
     SCHEMA: ClassVar[JsonDict] = {"oneOf": [{"required": [site]} for site in SITES]}
 
-    name: Annotated[str, plain_name(LONGEST_NAME)] = Field("campaign", description="Title of the campaign.")
+    name: Name = Field("campaign", description="Title of the campaign.")
     slope: SlopeTable | None = None
     ground: GroundTable | None = None
     terrain: TerrainTable | None = None
-    layer: Annotated[list[LayerTable], MaxLen(MOST_LAYERS)] = Field(default_factory=list)
+    layer: Annotated[list[LayerTable], MaxLen(MOST_TABLES)] = Field(default_factory=list)
     water: Water | None = None
     rain: Rain | None = None
     drawdown: Drawdown | None = None
@@ -63,9 +59,9 @@ class SceneTable(Part):
     motion: Motion | None = None
     campaign: PlanAndEstimator = Field(kw_only=True)
     hazard: Hazard | None = None
-    exposed: Annotated[list[Exposed], MaxLen(MOST_LAYERS)] | None = None
+    exposed: Annotated[list[Exposed], MaxLen(MOST_TABLES)] | None = None
     sweep: Sweep | None = Field(None, json_schema_extra={"minProperties": 1})
-    scenario: Annotated[list[Scenario], MaxLen(MOST_LAYERS)] | None = None
+    scenario: Annotated[list[Scenario], MaxLen(MOST_TABLES)] | None = None
     calibration: Calibration | None = None
     estimator: GivenEstimator | None = None
     limit_load: LimitLoad | None = None

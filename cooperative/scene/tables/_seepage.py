@@ -14,10 +14,12 @@ from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationIn
 from pydantic import model_validator as validates
 
 from cooperative.scene.tables._key import (
+    MOST_TABLES,
     AboveZero,
     Flag,
     Length,
     Metres,
+    Name,
     OrTable,
     Pair,
     Part,
@@ -28,7 +30,6 @@ from cooperative.scene.tables._key import (
     Within,
     key,
     of_file,
-    plain_name,
     table,
 )
 from cooperative.scene.tables._varying import CONDUCTIVITY, RandomField
@@ -36,8 +37,6 @@ from jaxmpm.support.check import Invalid, Limit, above_zero, from_zero
 from jaxmpm.support.table import LENGTHS
 from jaxmpm.support.text import shown
 
-LONGEST_NAME = 200
-MOST_LAYERS = 100
 HEAVIEST = 1e-4
 """Rate of rain (m/s) that is plausible, 360 mm/h: no longer rain has been measured."""
 FASTEST = 1e-3
@@ -272,7 +271,7 @@ class Hydraulics(Part):
 class HydraulicLayer(Hydraulics):
     """What a layer has of its own; the rest is that of the whole ground."""
 
-    name: Annotated[str, plain_name(LONGEST_NAME)] = key("Of the `[[layer]]`.", "soft clay", "")
+    name: Name = key("Of the `[[layer]]`.", "soft clay", "")
     model: Literal["van genuchten", "gardner"] | None = key(  # type: ignore[assignment]
         "Retention curve.", "van genuchten", None, otherwise="that of the whole ground"
     )
@@ -376,7 +375,7 @@ class Seepage(Part):
         synonyms="heads head_rasters pressure_rasters water_table rasters",
     )
     soil: Hydraulics | None = key("Of the ground, `[rain.soil]`.", {"soil_class": "loam"}, None, otherwise="none")
-    layer: Annotated[tuple[HydraulicLayer, ...], Strict(False), MaxLen(MOST_LAYERS)] = key(
+    layer: Annotated[tuple[HydraulicLayer, ...], Strict(False), MaxLen(MOST_TABLES)] = key(
         "Of layers that differ, `[[rain.layer]]` with the name of each.",
         [{"name": "soft clay", "soil_class": "clay"}],
         (),

@@ -16,6 +16,7 @@ from cooperative.scene.tables._key import (
     Length,
     Line,
     Metres,
+    Name,
     OrTable,
     Part,
     Raster,
@@ -23,7 +24,6 @@ from cooperative.scene.tables._key import (
     key,
     keys,
     one_of,
-    plain_name,
     table,
 )
 from cooperative.scene.tables._varying import RandomField
@@ -34,7 +34,6 @@ from jaxmpm.soil import AnySoil, soil_limits
 from jaxmpm.support.check import Invalid, at
 from jaxmpm.support.text import shown
 
-LONGEST_NAME = 200
 LAWS: dict[str, type] = {
     "undrained": J2,
     "mohr-coulomb": MohrCoulomb,
@@ -365,9 +364,7 @@ class LayerTable(SoilTable):
     [Another example](random-fields.md#in-a-scene) has fill, clay and rock, without `[soil]`.
     """
 
-    name: Annotated[str, plain_name(LONGEST_NAME)] | None = key(
-        "What it is called.", "soft clay", None, otherwise="`layer` and its number"
-    )
+    name: Name | None = key("What it is called.", "soft clay", None, otherwise="`layer` and its number")
     bottom: Line | None = key(
         "Its lower boundary. The layer ends where this meets the boundary above.", [[0, 2], [92, -2]], None, units="m"
     )

@@ -11,11 +11,10 @@ from pydantic import model_validator as validates
 from pydantic.config import JsonDict
 from pydantic.json_schema import SkipJsonSchema
 
-from cooperative.scene.tables._key import FromZero, Length, Part, Several, T, check_name, key, keys, plain_name, table
+from cooperative.scene.tables._key import FromZero, Label, Length, Part, Several, T, check_name, key, keys, table
 from jaxmpm.support.check import Invalid
 from jaxmpm.support.text import shown
 
-LONGEST_NAME = 60
 RECORDS = "motion.record"
 """Path of the only texts that are swept."""
 MOST_PATH = 400
@@ -110,5 +109,5 @@ class Scenario(_WithPaths):
     the samples of the scene.
     """
 
-    name: Annotated[str, plain_name(LONGEST_NAME)] = key("What it is called.", "berm")
+    name: Label = key("What it is called.", "berm")
     paths: SkipJsonSchema[Mapping[str, Any]] = key("New values of keys, by path.", {"water.level": 2.0}, {})

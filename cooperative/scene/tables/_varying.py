@@ -245,7 +245,7 @@ class RandomField(Part):
         """Whether each sample has its own mean and coefficient of variation."""
         return self.mean_error > 0 or self.cov_error > 0
 
-    def drawn(self, scores: Array | np.ndarray) -> Marginal:
+    def marginal_of(self, scores: Array | np.ndarray) -> Marginal:
         """The marginal of a sample, of lognormal mean and coefficient of variation.
 
         Args:

@@ -260,7 +260,7 @@ def running(
     _, source = in_folder(campaign, folder, None, None)
     pool = None if workers == 1 else runs.Workers(partial(runs.process_pool, workers), workers, ahead=workers)
     with runs.stop_by_signals() as stop, closing(pool) if pool else nullcontext(), open_store(folder, source) as store:
-        yield StateRunner(campaign, states, Kept.begun(store, audited, chart=chart), pool, stop)
+        yield StateRunner(campaign, states, Kept.begin(store, audited, chart=chart), pool, stop)
 
 
 def first_failures(
@@ -406,5 +406,5 @@ def first_lines(name: str, samples: int, refined: int, taken: Mapping[str, int])
     """
     yield printable(name)
     grids = f"{samples} samples on the rough grid, {refined} of them on the refined one"
-    each = taken["rough"] / max(samples, 1)
-    yield f"  runs       {grids}; {taken['rough']} and {taken['refined']} runs, {each:.2g} a sample"
+    per_sample = taken["rough"] / max(samples, 1)
+    yield f"  runs       {grids}; {taken['rough']} and {taken['refined']} runs, {per_sample:.2g} a sample"

@@ -38,7 +38,7 @@ class Kept:
     factors: np.ndarray | None = None
 
     @classmethod
-    def begun(cls, store: Store, audited: int, *, chart: bool) -> Kept:
+    def begin(cls, store: Store, audited: int, *, chart: bool) -> Kept:
         """The answers of a folder that is open to write, to go on with.
 
         Args:

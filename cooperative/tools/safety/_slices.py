@@ -723,12 +723,12 @@ def _spencer(bodies: _Bodies) -> np.ndarray:
     """Spencer's method: forces and moments balance, and the forces between slices have one inclination."""
     level, _ = _level(bodies)
     factors = np.full(len(bodies.valid), math.inf)
-    left = np.arange(len(bodies.valid))
+    unsolved = np.arange(len(bodies.valid))
     for start in STARTS:
-        some = bodies.of(left)
-        factors[left] = _inclined(some, level[left], start * some.chord[:, None])
-        left = np.flatnonzero(~np.isfinite(factors))
-        if not left.size:
+        some = bodies.of(unsolved)
+        factors[unsolved] = _inclined(some, level[unsolved], start * some.chord[:, None])
+        unsolved = np.flatnonzero(~np.isfinite(factors))
+        if not unsolved.size:
             break
     return factors
 

@@ -32,7 +32,7 @@ def test_the_sum_is_exactly_unbiased_whenever_it_ends(failing, target):
         ran = in_order(outcome, SAMPLES, target=target, budget=BUDGET, interval=2)
         assert ran.draw_weight.sum() == pytest.approx(1.0)
         assert ran.to_run == ran.draw_weight.size
-        expectation += chance * float(ran.draw_weight @ ran.each)
+        expectation += chance * float(ran.draw_weight @ ran.run_estimates)
         ends.add(ran.draw_weight.size)
     assert expectation == pytest.approx(failing, abs=1e-12)
     assert len(ends) > 1
@@ -53,7 +53,7 @@ def test_a_control_that_learns_leaves_the_sum_unbiased():
             interval=5,
             control=lambda known, at=order: control(known)[at],
         )
-        totals.append(float(ran.draw_weight @ ran.each))
+        totals.append(float(ran.draw_weight @ ran.run_estimates))
     assert np.mean(totals) == pytest.approx(0.2, abs=3 * np.std(totals) / np.sqrt(len(totals)))
 
 

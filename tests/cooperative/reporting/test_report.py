@@ -251,7 +251,7 @@ def test_slides_are_chosen_by_mode_then_by_distance(done):
     folder, summary = done
     results = read_results(folder)
     rows = results.refined
-    grid, chosen = results.drawn(3)
+    grid, chosen = results.slides_to_draw(3)
     assert grid == "refined"
     assert len(chosen) == len(set(chosen)) == 3
     modes = dict(zip(rows.numbers, rows.columns["mode"], strict=True))
@@ -259,7 +259,7 @@ def test_slides_are_chosen_by_mode_then_by_distance(done):
     assert {modes[number] for number in chosen} == occur or len(occur) > 3
     assert chosen[0] == rows.numbers[int(np.argmax(rows.columns["displacement"]))]
     none = replace(results, summary=replace(summary, consequences=replace(summary.consequences, weights={})))
-    assert none.drawn(3) == ("refined", [chosen[0]])
+    assert none.slides_to_draw(3) == ("refined", [chosen[0]])
     assert results.soils() == [("rough", chosen[0]), *(("refined", number) for number in chosen)]
 
 

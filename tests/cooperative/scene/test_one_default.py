@@ -25,6 +25,7 @@ OF_SOLVER = [
     (tables.GroundTable, mpm.Section),
     (tables.TerrainTable, mpm.Terrain),
     (tables.LayerTable, mpm.Layer),
+    (tables.Run, mpm.Settle),
     *((tables.PlanAndEstimator, kind) for kind in estimate.ESTIMATORS.values()),
 ]
 """Tables of a scene, and the classes below campaigns whose fields their keys fill."""

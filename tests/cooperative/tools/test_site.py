@@ -393,7 +393,7 @@ def test_each_sample_draws_its_mean_and_honours_what_was_measured(tmp_path):
     for score in (-2.0, 0.0, 2.0):
         sample[:2] = score, 0.0
         own = soil.coefficients(sample)["strength"]
-        marginal = field.drawn(sample[:2])
+        marginal = field.marginal_of(sample[:2])
         at = np.array([[1.0], [1.0]], np.float32)
         here = marginal.transform(kl.field_at(soil.expansions["strength"], own, at))
         assert float(here[0]) == pytest.approx(35e3, rel=0.02)
@@ -463,6 +463,6 @@ def test_layers_share_the_draw_of_the_cone_factor(tmp_path):
 def test_means_of_samples_have_the_standard_error_that_is_given():
     draws = np.random.default_rng(2).standard_normal((20000, 2))
     field = parse(_with("mean_error = 8e3\ncov_error = 0.1")).random["strength"]
-    marginal = field.drawn(draws.T)
+    marginal = field.marginal_of(draws.T)
     np.testing.assert_allclose([np.mean(marginal.mean), np.std(marginal.mean)], [field.mean, 8e3], rtol=0.03)
     np.testing.assert_allclose([np.mean(marginal.cov), np.std(marginal.cov)], [0.4, 0.1], rtol=0.03)
