@@ -19,6 +19,7 @@ from cooperative.scene._soil import soils_of
 from cooperative.scene._varied import variants_of
 from cooperative.store import Source, table_of, tables_of
 from jaxmpm import Raster, Scene, Section, Slope, State, Terrain
+from jaxmpm.soil import AnySoil
 from jaxmpm.support.check import Gathered, Invalid, at
 from jaxmpm.support.table import decoded
 from jaxmpm.support.text import short, shown
@@ -64,6 +65,30 @@ def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | N
     where, table = next((name, table) for name in tables.SITES if (table := getattr(scene, name)) is not None)
     with at(where):
         ground = _site(scene, table)
+    gathered, rain, drawdown = Gathered(), scene.rain, scene.drawdown
+    with gathered.of():
+        _check_keys(scene, source, where, ground)
+    with gathered.of():
+        whole, random, layers = soils_of(scene, tables_of(source.tables, "layer"), ground)
+    with gathered.of():
+        rain = None if rain is None else _with_strata(rain, "rain", ground, unusual=scene.unusual)
+        drawdown = None if drawdown is None else _with_strata(drawdown, "drawdown", ground, unusual=scene.unusual)
+    gathered.raise_all()
+    site = replace(ground, layers=layers)
+    soil = site.representative(whole)
+    site, of_contact = _with_contact(scene, where, site, soil)
+    campaign = tables.made(
+        Campaign, scene, ground=site, soil=soil, random=site.all_random({**random, **of_contact}),
+        plan=scene.campaign.plan, rain=rain, drawdown=drawdown, exposed=tuple(scene.exposed or ()),
+        estimator=estimator or (tables.FromScript("estimator", words) if words else scene.campaign.chosen),
+        measured=tables.made(tables.Measured, scene), source=source,
+    )  # fmt: skip
+    check_grids(campaign)
+    return campaign
+
+
+def _check_keys(scene: tables.SceneTable, source: Source, where: str, ground: Site) -> None:
+    """Check keys against the ground, and which keys stand beside each other."""
     gathered = Gathered()
     if not scene.unusual:
         with gathered.of():
@@ -76,31 +101,21 @@ def _campaign(scene: tables.SceneTable, source: Source, estimator: Estimator | N
     if scene.motion is not None and not scene.unusual:
         with gathered.of():
             ask_of_record(scene.motion)
-    with gathered.of():
-        whole, random, layers = soils_of(scene, tables_of(source.tables, "layer"), ground)
-    rain, drawdown = scene.rain, scene.drawdown
-    with gathered.of():
-        rain = None if rain is None else _with_strata(rain, "rain", ground, unusual=scene.unusual)
-        drawdown = None if drawdown is None else _with_strata(drawdown, "drawdown", ground, unusual=scene.unusual)
     gathered.raise_all()
-    site = replace(ground, layers=layers)
-    soil = site.representative(whole)
-    if (contact := None if isinstance(table, tables.SlopeTable) else table.contact) is not None:
-        of_contact = fields_of(
-            vars(contact), lambda name: (where, "interface", name), span=ground.span,
-            downhill=getattr(ground.shape, "downhill", 1), home="[soil]", unusual=scene.unusual,
-        )  # fmt: skip
-        random = {**random, **{f"interface_{name}": field for name, field in of_contact.items()}}
-        with at(where, "interface"):
-            site = on_ground(site, contact, soil)
-    campaign = tables.made(
-        Campaign, scene, ground=site, soil=soil, random=site.all_random(random), plan=scene.campaign.plan,
-        estimator=estimator or (tables.FromScript("estimator", words) if words else scene.campaign.chosen),
-        rain=rain, drawdown=drawdown, exposed=tuple(scene.exposed or ()),
-        measured=tables.made(tables.Measured, scene), source=source,
+
+
+def _with_contact(
+    scene: tables.SceneTable, where: str, site: Site, soil: AnySoil
+) -> tuple[Site, Mapping[str, tables.RandomField]]:
+    """The ground with the interface of its table, and what varies of that by parameter."""
+    if (contact := getattr(getattr(scene, where), "contact", None)) is None:
+        return site, {}
+    random = fields_of(
+        vars(contact), lambda name: (where, "interface", name), span=site.span,
+        downhill=getattr(site.shape, "downhill", 1), home="[soil]", unusual=scene.unusual,
     )  # fmt: skip
-    check_grids(campaign)
-    return campaign
+    with at(where, "interface"):
+        return on_ground(site, contact, soil), {f"interface_{name}": field for name, field in random.items()}
 
 
 def _with_strata(table: Moving, name: str, ground: Site, *, unusual: bool) -> Moving:
@@ -148,15 +163,13 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
     if not path.is_file():
         raise Invalid((), None, f"scene {path} is no file", "give the path of a scene in TOML")
     if path.stat().st_size > LARGEST:
-        raise Invalid(
-            (), None, f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}", "is it a scene?"
-        )
+        rule = f"scene {path} has {path.stat().st_size} bytes, the limit is {LARGEST}"
+        raise Invalid((), None, rule, "is it a scene?")
     try:
         return with_files(text_of(path), path.parent, outside=outside)
     except OSError as error:
-        raise Invalid(
-            (), None, f"scene {path} cannot be read ({error.strerror})", "give a file that you may read"
-        ) from error
+        rule = f"scene {path} cannot be read ({error.strerror})"
+        raise Invalid((), None, rule, "give a file that you may read") from error
 
 
 def with_files(text: str, folder: Path, *, outside: bool) -> Source:
@@ -191,12 +204,8 @@ def text_of(path: Path) -> str:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise Invalid(
-            (),
-            None,
-            f"scene {path} is no text in UTF-8 (byte {error.start}, in line {line})",
-            "give a scene in TOML, saved with the encoding UTF-8",
-        ) from error
+        rule = f"scene {path} is no text in UTF-8 (byte {error.start}, in line {line})"
+        raise Invalid((), None, rule, "give a scene in TOML, saved with the encoding UTF-8") from error
 
 
 def _origin(scene: Mapping[str, object]) -> tuple[float, ...]:
@@ -205,12 +214,9 @@ def _origin(scene: Mapping[str, object]) -> tuple[float, ...]:
     if isinstance(x, int | float):
         return (float(x),)
     origin = table_of(scene, "terrain").get("origin")
-    valid = (
-        isinstance(origin, list)
-        and len(origin) == 2
-        and all(isinstance(coordinate, int | float) for coordinate in origin)
-    )
-    return (float(origin[0]), float(origin[1])) if valid and isinstance(origin, list) else (0.0, 0.0)
+    if isinstance(origin, list) and len(origin) == 2 and all(isinstance(part, int | float) for part in origin):
+        return float(origin[0]), float(origin[1])
+    return 0.0, 0.0
 
 
 def built(campaign: Campaign, grid: str, *, at_rest: bool = True) -> tuple[Scene, State]:
