@@ -162,7 +162,7 @@ def _values(scene: Scene, state: State, colour: str | ArrayLike) -> tuple[str, n
     if colour in QUANTITIES:
         label, function = QUANTITIES[colour]
         return label, np.asarray(function(scene, state))
-    if colour == "plastic_strain" and np.shape(of_skeleton(state.history)) == shape:
+    if colour == "plastic_strain" and getattr(of_skeleton(state.history), "shape", None) == shape:
         return "plastic shear strain", np.asarray(of_skeleton(state.history))
     if colour not in numbers:
         raise ValueError(

@@ -260,7 +260,7 @@ def _fields_at_end(result: Result) -> dict[str, np.ndarray]:
     """Displacement, and plastic strain where the law remembers it."""
     history, fields = result.state.history, {"displacement": np.asarray(result.state.displacement, np.float32)}
     strain = getattr(history, "strain", history)  # of a law that remembers more, the part that is named so
-    if strain is not None and np.shape(strain) == fields["displacement"].shape[1:]:
+    if getattr(strain, "shape", None) == fields["displacement"].shape[1:]:  # layers of other laws have one each
         fields["plastic_strain"] = np.asarray(strain, np.float32)
     return fields
 

@@ -69,7 +69,7 @@ class Early(Rule):
             raise ValueError(
                 "the rule Early holds where no motion of the base stops a slide or starts one: leave it out"
             )
-        if np.shape(state.history) != np.shape(state.volume_ratio):
+        if getattr(state.history, "shape", None) != np.shape(state.volume_ratio):
             raise ValueError(
                 f"the rule Early needs plastic strain, and {type(scene.material).__name__} has none since it does not "
                 "soften: leave it out"

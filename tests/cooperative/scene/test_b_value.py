@@ -10,8 +10,9 @@ import pytest
 import jaxmpm as mpm
 from cooperative import runs
 from cooperative.scene import parse
+from jaxmpm import plot
 from jaxmpm.laws import Saturated, declared, laws_of
-from jaxmpm.run import limit_load_scene
+from jaxmpm.run import Early, limit_load_scene
 
 SCENE = """
 [ground]
@@ -49,6 +50,7 @@ b_value = 0.5
 [[layer]]
 name = "sand"
 """
+LAYERED = SCENE.replace("{ mean = 0.7, cov = 0.05, length = [10.0, 2.0] }", "0.9") + LAYERS
 
 
 def model_of(text):
@@ -73,8 +75,18 @@ def test_the_b_value_is_random_below_the_water_and_sets_the_time_step_of_a_sampl
     )
 
 
+def test_a_layer_with_a_b_value_runs_beside_one_of_drained_soil():
+    model = model_of(LAYERED.replace("b_value = 0.9\n", "").replace("samples = 10", 'samples = 10\nfields = "both"'))
+    [run] = runs.run_samples(model, np.zeros((1, model.soil.modes)), [0], width=1)
+    assert run.fields["displacement"].shape == model.scene.particles.position.shape
+    with pytest.raises(ValueError, match="colour = 'plastic_strain': give one of"):
+        plot.state(model.scene, model.state, "plastic_strain")
+    with pytest.raises(ValueError, match="the rule Early needs plastic strain"):
+        Early(1.0, 0.05).check(model.scene, model.state)
+
+
 def test_layers_have_b_values_of_their_own():
-    text = SCENE.replace("{ mean = 0.7, cov = 0.05, length = [10.0, 2.0] }", "0.9") + LAYERS
+    text = LAYERED
     scene = model_of(text).scene
     b_value = np.asarray(declared(scene.material)["b_value"].value)
     z = np.asarray(scene.particles.position)[1]
