@@ -3,21 +3,22 @@
 The data stand in a folder that `--data` or JAXMPM_PUBLIC names, one folder a case; docs/notes/verification.md names
 their sources. `difference` is ours over theirs less 1, unless the row has a unit. Rows that have been made stand in
 out/public, and a command that was stopped goes on behind them. `--only NAMES` makes rows of the cases whose name begins
-so; of others that have not been made the row says "not run".
+so; rows of the others are those kept on an earlier `day`, and say "not run" where none is.
 """
 
 from __future__ import annotations
 
-import inspect
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from benchmarks.measure import ROOT, Report, beginning_so, code_digest, stored_row
+from benchmarks.measure import Report, beginning_so, stored_row
 from benchmarks.public import dam_breaks, elastic, frank, granular, reliability, slopes
-from benchmarks.public.rows import Row, without_answer
+from benchmarks.public.rows import Row, stored, without_answer
+from benchmarks.results import stored_rows
 
 VARIABLE = "JAXMPM_PUBLIC"
 """Environment variable that names the folder of the data."""
@@ -65,7 +66,7 @@ def folder(data: Path | None) -> Path:
 
 
 def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
-    """All rows, those of finished cases from out/public; one of each case that was left out.
+    """All rows, those of finished cases from out/public; of cases that are left out the kept ones, or one.
 
     Args:
         data: folder.
@@ -76,24 +77,31 @@ def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
         ValueError: If no case begins so.
     """
     made = {name: (make, family) for family in FAMILIES.values() for name, make in family(data, quick).items()}
-    chosen = beginning_so(made, only)
+    chosen, earlier = beginning_so(made, only), {} if quick else kept()
     for name, (make, family) in made.items():
-        stored, file = _stored(family), f"{name}{' quick' if quick else ''}"
-        if name not in chosen and not (stored / f"{file}.json").is_file():
-            yield without_answer(name)
+        folder, file = stored(family), f"{name}{' quick' if quick else ''}"
+        if name not in chosen and not (folder / f"{file}.json").is_file():
+            yield from earlier.get(name, _of(name, None, [without_answer(name)]))
             continue
         print(f"{name} ...", file=sys.stderr, flush=True)
-        yield from stored_row(stored, file, partial(_made, make))["rows"]
+        yield from stored_row(folder, file, partial(_made, name, make))["rows"]
 
 
-def _stored(family: Callable[..., object]) -> Path:
-    """Folder of a family's rows, by the code that makes them: a change of another family leaves them."""
-    code = [Path(inspect.getfile(made)).read_text() for made in (family, without_answer)]
-    return ROOT / "out" / "public" / code_digest(*code)
+def kept() -> dict[str, list[Row]]:
+    """The rows of the kept answer by the name of their case, without those that were not run."""
+    found: dict[str, list[Row]] = {}
+    for row in stored_rows("public"):
+        if row["day"] is not None:
+            found.setdefault(row["name"], []).append(row)
+    return found
 
 
-def _made(make: Callable[[], list[Row]]) -> Row:
-    return {"rows": make()}
+def _made(name: str, make: Callable[[], list[Row]]) -> Row:
+    return {"rows": _of(name, datetime.now(UTC).date().isoformat(), make())}
+
+
+def _of(name: str, day: str | None, rows: list[Row]) -> list[Row]:
+    return [{"name": name, **row, "day": day} for row in rows]
 
 
 def summarised(rows: list[Row]) -> Row:

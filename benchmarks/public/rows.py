@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+from benchmarks.measure import ROOT, code_digest
 
 Row = dict[str, Any]
 
@@ -54,3 +59,9 @@ def without_answer(case: str, why: str = "not run") -> Row:
         "quantity": why,
         "finest": False,
     }
+
+
+def stored(family: Callable[..., object]) -> Path:
+    """Folder of what a family has made, by the code that makes it: a change of another family leaves it."""
+    code = [Path(inspect.getfile(made)).read_text() for made in (family, without_answer)]
+    return ROOT / "out" / "public" / code_digest(*code)

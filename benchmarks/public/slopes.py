@@ -20,14 +20,15 @@ import numpy as np
 import shapely
 
 import jaxmpm as mpm
-from benchmarks.public.rows import Row, row
+from benchmarks.measure import stored_row
+from benchmarks.public.rows import Row, row, stored
 from cooperative.tools import safety
 from jaxmpm import FrictionalSoil, Layer, Raster, Section, Terrain
+from jaxmpm.run._advance import repeat
+from jaxmpm.run._limit_load import Scale, find_kink, limit_load_scene, moved
 from jaxmpm.setup import settled
 
 Made = Callable[[], list[Row]]
-Factor = Callable[[float, float], float]
-"""Factor of safety of the associated soil at lambda and under a multiple of its weight."""
 
 
 @dataclass(frozen=True)
@@ -38,31 +39,48 @@ class Strata:
     soils: list[dict[str, Any]]
     bottoms: list[list[tuple[float, float]]]
 
-    def layers(self, lam: float, weight: float) -> list[Layer]:
-        """Associated soil of Davis B at lambda, its weight multiplied."""
+    def layers(self, soil_of: Callable[[dict[str, Any]], FrictionalSoil]) -> list[Layer]:
+        """Layers of what `soil_of` makes of a soil."""
         bottoms = [*self.bottoms, None]
-        return [Layer(soil_of(soil, lam, weight), bottom) for soil, bottom in zip(self.soils, bottoms, strict=True)]
+        return [Layer(soil_of(soil), bottom) for soil, bottom in zip(self.soils, bottoms, strict=True)]
 
 
-def davis(c: float, phi: float, lam: float) -> tuple[float, float]:
-    """Cohesion (Pa) and friction (degrees) of the associated soil for soil without dilation (Davis B).
+def discretisation(cell: float, dimension: int) -> mpm.Discretisation:
+    """One particle a cell, whose strain needs no average: averaged, soil that dilates gains energy as it moves.
 
     Args:
-        c: cohesion (Pa).
-        phi: friction (degrees).
+        cell: m.
+        dimension: 2 or 3.
+    """
+    return mpm.Discretisation(cell, (cell,) * dimension, cfl=0.9, cell_average=False)
+
+
+def davis(c: Any, phi: Any, lam: float) -> tuple[Any, Any]:
+    """Cohesion and friction of the associated soil for soil without dilation (Davis B).
+
+    Args:
+        c: cohesion (Pa), a number or an array.
+        phi: friction (radians), likewise.
         lam: divides both.
     """
-    reduced = math.atan(math.tan(math.radians(phi)) / lam)
-    share = math.cos(reduced)
-    return share * c / lam, math.degrees(math.atan(share * math.tan(reduced)))
+    reduced = np.arctan(np.tan(phi) / lam)
+    share = np.cos(reduced)
+    return share * c / lam, np.arctan(share * np.tan(reduced))
 
 
-def soil_of(zone: dict[str, Any], lam: float, weight: float) -> FrictionalSoil:
-    """A zone's associated soil. `unit_weight_saturated_N_m3` is what the source's code takes everywhere."""
-    c, phi = davis(zone["c_Pa"], zone["phi_deg"], lam)
-    return FrictionalSoil(
-        c, phi, dilation=phi, unit_weight=zone["unit_weight_saturated_N_m3"] * weight, young=1e8, unusual=True
-    )
+def weakened(zone: dict[str, Any], lam: float, weight: float) -> FrictionalSoil:
+    """A zone's associated soil at lambda, its weight multiplied."""
+    c, phi = davis(zone["c_Pa"], math.radians(zone["phi_deg"]), lam)
+    return associated(zone | {"c_Pa": float(c), "phi_deg": math.degrees(phi)}, weight)
+
+
+def associated(zone: dict[str, Any], weight: float = 1.0) -> FrictionalSoil:
+    """A zone's soil with as much dilation as friction, its weight multiplied.
+
+    `unit_weight_saturated_N_m3` is what the source's code takes everywhere.
+    """
+    c, phi, unit_weight = (zone[name] for name in ("c_Pa", "phi_deg", "unit_weight_saturated_N_m3"))
+    return FrictionalSoil(c, phi, dilation=phi, unit_weight=unit_weight * weight, young=1e8, unusual=True)
 
 
 def homogeneous(data: Path) -> Strata:
@@ -137,12 +155,11 @@ class Nose:
     ends: tuple[float, float]
     tops: tuple[float, float] = (30.0, 20.0)
 
-    def built(self, cell: float, lam: float) -> tuple[mpm.Scene, mpm.State]:
+    def built(self, cell: float) -> tuple[mpm.Scene, mpm.State]:
         """Scene and state at rest between smooth walls and on a smooth base, the level ground longer by up to a cell.
 
         Args:
             cell: m, a whole number of which the width has.
-            lam: divides the strength.
         """
         west, east = self.ends
         west = east - math.ceil((east - west) / cell - 1e-9) * cell
@@ -155,10 +172,9 @@ class Nose:
 
         top, (weak, firm) = self.surface(*at), self.tops
         bottoms = [raster(np.minimum(self.back(*at), top)), raster(weak), raster(firm), None]
-        soils = [soil_of(each, lam, 1.0) for each in self.soils]
-        layers = [Layer(soil, bottom) for soil, bottom in zip(soils, bottoms, strict=True)]
-        numerics = mpm.Discretisation(cell, (cell / 2,) * 3, flip=0.95)
-        scene, state = mpm.terrain(Terrain(raster(top), base=0.0), layers, numerics, at_rest=False)
+        layers = [Layer(associated(soil), bottom) for soil, bottom in zip(self.soils, bottoms, strict=True)]
+        terrain = Terrain(raster(top), base=0.0)
+        scene, state = mpm.terrain(terrain, layers, discretisation(cell, 3), at_rest=False)
         smooth = tuple(replace(wall, hold="roller") for wall in scene.boundary.walls)
         scene = replace(scene, boundary=replace(scene.boundary, walls=smooth))
         return scene, settled(scene, state)
@@ -180,21 +196,10 @@ def nose(data: Path, *, whole: bool = False) -> Nose:
     return Nose(face, partial(face, moved=5.0), soils, width if whole else width / 2, tuple(given["extent_m"]["x"]))
 
 
-def by_limit_load(strata: Strata, cell: float, lam: float, weight: float) -> float:
-    """Factor of safety by the limit load on cells of this size (m)."""
-    numerics = mpm.Discretisation(cell, (cell / 2,) * 2, flip=0.95)
-    return _kink(*mpm.section(strata.section, strata.layers(lam, weight), numerics))
-
-
-def _kink(scene: mpm.Scene, state: mpm.State) -> float:
-    answer = mpm.factor_of_safety(scene, state, criterion="limit load", bracket=(0.8, 1.3), resolution=0.01, batch=6)
-    assert answer.kink is not None
-    return answer.kink
-
-
 def by_slices(strata: Strata, lam: float, weight: float) -> float:
     """Factor of safety by limit equilibrium, of the critical surface of any shape."""
-    return safety.critical_surface(safety.Slices.of(strata.section, strata.layers(lam, weight))).slip.factor
+    layers = strata.layers(partial(weakened, lam=lam, weight=weight))
+    return safety.critical_surface(safety.Slices.of(strata.section, layers)).slip.factor
 
 
 def at_limit(factor: Callable[[float], float], first: float, tries: int = 3, within: float = 0.003) -> float:
@@ -220,9 +225,81 @@ def at_limit(factor: Callable[[float], float], first: float, tries: int = 3, wit
     return at
 
 
-PLANE = (("homogeneous", homogeneous, "homogeneous_2d"), ("Kozinec", kozinec, "kozinec_2d"))
+@dataclass
+class Lanes:
+    """Displacements over a multiplier, one lane after the other; a search that was stopped goes on behind its last.
+
+    Args:
+        folder: of the lanes that have run.
+        moved: displacement (m) at a multiplier, None where the soil slid off.
+        seconds: CPU time of the lanes so far.
+    """
+
+    folder: Path
+    moved: Callable[[float], float | None]
+    seconds: float = 0.0
+
+    def __call__(self, multipliers: np.ndarray) -> np.ndarray:
+        """Displacements (m) at multipliers, inf where the soil slid off."""
+        rows = [stored_row(self.folder, f"{at:.6f}", partial(self._run, at)) for at in multipliers.tolist()]
+        self.seconds += sum(row["seconds"] for row in rows)
+        return np.array([math.inf if row["moved_m"] is None else row["moved_m"] for row in rows])
+
+    def _run(self, multiplier: float) -> Row:
+        began = time.process_time()
+        return {"moved_m": self.moved(multiplier), "seconds": round(time.process_time() - began, 1)}
+
+
+def by_limit_load(scene: mpm.Scene, state: mpm.State, kind: str, theirs: float, name: str) -> tuple[float, float]:
+    """The multiplier at which displacement begins to grow, and the CPU time of its lanes (s).
+
+    Each lane has the soil of one multiplier, so that one search finds it; strength that is reduced besides it would
+    take a search for each multiplier tried.
+
+    Args:
+        scene: with the strength of the source.
+        state: at rest.
+        kind: of KINDS.
+        theirs: the source's multiplier, near which ours is sought.
+        name: of the folder of the lanes.
+    """
+    stiff = limit_load_scene(scene)
+    scale = Scale.of(stiff, t_end=20.0, volume=None)
+    lanes = Lanes(stored(cases) / name, lambda share: moved_at(stiff, state, *multiplied(kind, share * theirs), scale))
+    return theirs * find_kink(lanes, 1.0, 0.01, scale.moves).at, lanes.seconds
+
+
+def moved_at(scene: mpm.Scene, state: mpm.State, lam: float, weight: float, scale: Scale) -> float | None:
+    """Displacement (m) of soil that Davis B weakens; None where it slid off.
+
+    Args:
+        scene: with the strength of the source.
+        state: at rest.
+        lam: lambda.
+        weight: multiple of the weight, under which soil fails as under its own with that part of its cohesion.
+        scale: of the scene.
+    """
+    soil = scene.material
+    c, phi = davis(np.asarray(soil.cohesion) / weight, np.asarray(soil.friction), lam)
+    strength = {"cohesion": c, "friction": phi, "dilation": phi}
+    varied, axes = mpm.run.lanes(
+        scene, **{name: each.astype(soil.cohesion.dtype)[None] for name, each in strength.items()}
+    )
+    found = moved(varied, repeat(state, 1), axes, scale)
+    return None if found.slid[0] else float(found.displacement[0])
+
+
 KINDS = {"ssr": "strength reduction", "limit_load": "limit load"}
-CELLS = {"homogeneous": (1.0, 0.5), "Kozinec": (2.0, 1.0)}
+
+
+def multiplied(kind: str, multiplier: float) -> tuple[float, float]:
+    """Lambda, and the multiple of the weight."""
+    return (multiplier, 1.0) if kind == "ssr" else (1.0, multiplier)
+
+
+PLANE = (("homogeneous", homogeneous, "homogeneous_2d"), ("Kozinec", kozinec, "kozinec_2d"))
+CELLS = {"homogeneous": (1.0, 0.5), "Kozinec": (1.0,)}
+"""Of Kozinec's slope the largest whose particle is no thicker than its thinnest layer."""
 
 
 def plane(data: Path, name: str, kind: str, cell: float | None, finest: bool) -> list[Row]:
@@ -236,13 +313,12 @@ def plane(data: Path, name: str, kind: str, cell: float | None, finest: bool) ->
     strata, source = strata_of(data), json.loads((data / "slopes_petsc" / f"{file}.json").read_text())
     bound = source.get("own_upper_bound", {}).get(kind)
     theirs = source[kind]["largest"] if bound is None else bound
-    factor = by_slices if cell is None else partial(by_limit_load, cell=cell)
-
-    def at(multiplier: float) -> float:
-        lam, weight = (multiplier, 1.0) if kind == "ssr" else (1.0, multiplier)
-        return factor(strata, lam=lam, weight=weight)
-
-    ours = at_limit(at, theirs)
+    if cell is None:
+        ours = at_limit(lambda multiplier: by_slices(strata, *multiplied(kind, multiplier)), theirs)
+    else:
+        scene, state = mpm.section(strata.section, strata.layers(associated), discretisation(cell, 2))
+        ours, seconds = by_limit_load(scene, state, kind, theirs, f"{name} {kind} {cell}")
+        start = time.perf_counter() - seconds
     how = "slices" if cell is None else "limit load"
     return [
         row(
@@ -258,20 +334,20 @@ def plane(data: Path, name: str, kind: str, cell: float | None, finest: bool) ->
     ]
 
 
-SIDES = (9, 13)
-"""Cells over half the width of the slope in 3D, whose cover is no thinner than a particle on these."""
+ACROSS = 18
+"""Cells over half the width of the slope in 3D, the fewest on which its cover is no thinner than a particle."""
 
 
-def solid(data: Path, across: int, finest: bool) -> list[Row]:
-    """The factor of the slope in 3D, half of which runs, on so many cells over that half's width."""
-    start = time.perf_counter()
+def solid(data: Path) -> list[Row]:
+    """The factor of the slope in 3D, half of which runs."""
     given = json.loads((data / "slopes_petsc" / "heterogeneous_3d.json").read_text())
     theirs = given["ssr_mesh_study"]["farthest"]["P4 L1, control 9.92e6"]
     slope = nose(data)
-    cell = slope.width / across
-    ours = at_limit(lambda lam: _kink(*slope.built(cell, lam)), theirs, tries=2)
+    cell = slope.width / ACROSS
+    ours, seconds = by_limit_load(*slope.built(cell), "ssr", theirs, "nose")
     case, quantity = "slope in 3D, a nose of four soils, strength reduction", "by limit load, finite elements at most"
-    return [row(case, quantity, ours, theirs, start, cell=round(cell, 2), figure="slopes_3d_error", finest=finest)]
+    start = time.perf_counter() - seconds
+    return [row(case, quantity, ours, theirs, start, cell=round(cell, 2), figure="slopes_3d_error", finest=True)]
 
 
 def cases(data: Path, quick: bool) -> dict[str, Made]:
@@ -283,6 +359,4 @@ def cases(data: Path, quick: bool) -> dict[str, Made]:
             made[f"{name} {kind} slices"] = partial(plane, data, name, kind, None, False)
             for cell in cells:
                 made[f"{name} {kind} {cell}"] = partial(plane, data, name, kind, cell, cell == cells[-1])
-    for across in SIDES[:1] if quick else SIDES:
-        made[f"nose {across}"] = partial(solid, data, across, across == SIDES[-1])
-    return made
+    return made | {"nose": partial(solid, data)}

@@ -7,14 +7,18 @@ import sys
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import jaxmpm as mpm
+from benchmarks import results
 from benchmarks.__main__ import main
-from benchmarks.public import dam_breaks, elastic, public, slopes
+from benchmarks.public import dam_breaks, elastic, public, rows, slopes
 from benchmarks.public.rows import row
+from jaxmpm.run._limit_load import find_kink, limit_load_scene
 
 
 def test_data_are_named_by_the_command_or_the_environment(tmp_path, monkeypatch):
@@ -36,7 +40,7 @@ def test_a_benchmark_without_data_of_others_refuses_them(monkeypatch, capsys):
 
 
 def test_a_change_of_one_family_leaves_the_rows_of_others(tmp_path, monkeypatch):
-    monkeypatch.setattr(public, "ROOT", tmp_path)
+    monkeypatch.setattr(rows, "ROOT", tmp_path)
     for name in ("still", "changed"):
         (tmp_path / f"{name}.py").write_text(f"made = 0\n{FAMILY}")
     monkeypatch.syspath_prepend(tmp_path)
@@ -50,6 +54,7 @@ def test_a_change_of_one_family_leaves_the_rows_of_others(tmp_path, monkeypatch)
 
 FAMILY = """
 from benchmarks.public.rows import row
+from jaxmpm.run._limit_load import find_kink, limit_load_scene
 def cases(data, quick):
     return {__name__: make}
 def make():
@@ -58,6 +63,33 @@ def make():
     return [row(__name__, "q", float(made), 1.0, 0.0)]
 """
 """A family of one case, whose answer counts how often it was made."""
+
+
+def test_rows_of_cases_that_are_left_out_are_those_kept_before(tmp_path, monkeypatch):
+    monkeypatch.setattr(rows, "ROOT", tmp_path)
+    monkeypatch.setattr(results, "FOLDER", tmp_path)
+    (tmp_path / "one.py").write_text(f"made = 0\n{FAMILY}")
+    monkeypatch.syspath_prepend(tmp_path)
+    one = importlib.import_module("one").cases
+
+    def both(data, quick):
+        return one(data, quick) | {f"one {kind}": lambda: [] for kind in ("kept", "new")}
+
+    monkeypatch.setattr(public, "FAMILIES", {"one": lambda *given: both(*given)})
+    monkeypatch.setattr(public, "stored", lambda family: rows.stored(one))
+    earlier = {"name": "one kept", **row("c", "q", 7.0, 1.0, 0.0), "day": "2020-02-02"}
+    new = {"name": "one new", **rows.without_answer("one new"), "day": None}
+    (tmp_path / "public.json").write_text(json.dumps({"rows": [earlier, new]}))
+    monkeypatch.setattr(public, "beginning_so", lambda made, only: {"one": made["one"]})
+    found = list(public.rows(tmp_path, quick=False))
+    assert [(each["name"], each["ours"], each["quantity"]) for each in found] == [
+        ("one", 1.0, "q"),
+        ("one kept", 7.0, "q"),
+        ("one new", None, "not run"),
+    ]
+    assert len({tuple(each) for each in found}) == 1  # one table
+    assert found[0]["day"] > found[1]["day"]
+    assert [each["quantity"] for each in public.rows(tmp_path, quick=True)][1:] == ["not run"] * 2
 
 
 def test_figures_are_of_the_finest_rows_that_name_them():
@@ -91,13 +123,49 @@ def test_stokers_middle_depth_is_that_of_its_polynomial():
 
 
 def test_davis_b_leaves_the_strength_of_associated_soil():
-    assert slopes.davis(6e3, 45.0, 1.0) == pytest.approx((4242.64, 35.2644), rel=1e-5)
-    assert slopes.davis(6e3, 45.0, 1.2113) == pytest.approx((3819.84, 32.48244), rel=1e-5)
+    assert slopes.davis(6e3, math.pi / 4, 1.0) == pytest.approx((4242.64, math.radians(35.2644)), rel=1e-5)
+    assert slopes.davis(6e3, math.pi / 4, 1.2113) == pytest.approx((3819.84, math.radians(32.48244)), rel=1e-5)
 
 
 @given(st.floats(0.5, 2.0), st.floats(0.6, 1.5))
 def test_the_multiplier_at_the_limit_is_found(root, power):
     assert slopes.at_limit(lambda m: (root / m) ** power, 1.0, tries=6) == pytest.approx(root, rel=3e-3 / power)
+
+
+def test_a_search_that_was_stopped_goes_on_behind_its_last_lane(tmp_path):
+    ran = []
+
+    def moved(multiplier):
+        ran.append(multiplier)
+        return None if multiplier > 1.2 else 0.01 + 20 * max(0.0, multiplier - 1.01)
+
+    def stopped(multiplier):
+        if len(ran) == 4:
+            raise RuntimeError
+        return moved(multiplier)
+
+    with pytest.raises(RuntimeError):
+        find_kink(slopes.Lanes(tmp_path, stopped), 1.0, 0.01, 0.5)
+    found = find_kink(slopes.Lanes(tmp_path, moved), 1.0, 0.01, 0.5)
+    assert len(ran) == len(set(ran)) == 8
+    assert found.at == pytest.approx(1.01, abs=0.005)
+    assert slopes.Lanes(tmp_path, moved)(np.array([1.03, 1.3])).tolist() == [pytest.approx(0.41), math.inf]
+
+
+def test_dilating_soil_of_just_the_strength_to_stand_comes_to_rest():
+    """A level slab under a horizontal acceleration whose base has just the strength that it takes (closed form)."""
+    cohesion, phi, height, weight = 3.9e3, 33.0, 10.0, 2e4
+    soil = mpm.FrictionalSoil(cohesion, phi, dilation=phi, unit_weight=weight, young=1e8, unusual=True)
+    k_h = cohesion / (weight * height) + math.tan(math.radians(phi))
+    scene, state = mpm.section(
+        mpm.Section([(0, height), (4, height)]), soil, slopes.discretisation(2.0, 2), ends="tied", k_h=k_h
+    )
+    scene = limit_load_scene(scene)
+    stands = mpm.solve(scene, state, t_end=8.0).raise_if_failed()
+    assert float(jnp.abs(stands.state.velocity).max()) < 5e-3
+    assert float(jnp.abs(stands.state.displacement).max()) < 0.05 * height
+    weaker = mpm.solve(mpm.reduced(scene, 1.05), state, t_end=8.0)
+    assert float(jnp.abs(weaker.state.displacement).max()) > 0.1 * height
 
 
 def test_zones_are_ordered_from_the_top_down(tmp_path):
@@ -141,7 +209,7 @@ def test_half_of_the_nose_is_at_rest_as_each_half_of_all_of_it(tmp_path):
     def found(nose):
         """Of all particles: place, mass, cohesion and stress, in the order of their places."""
         nose = replace(nose, back=lambda x, y: nose.surface(x - 40.0, y))  # as thick as its coarse particles
-        scene, state = nose.built(20.0, 1.2)
+        scene, state = nose.built(10.0)
         position, stress = np.asarray(scene.particles.position), np.asarray(state.stress)
         cohesion = np.broadcast_to(scene.material.cohesion, position.shape[1])
         every = np.concatenate([position, [scene.particles.mass, cohesion], stress[:3]])
