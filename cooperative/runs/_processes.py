@@ -31,7 +31,8 @@ from cooperative.runs._flags import set_flags
 from cooperative.worker import work
 
 ATTEMPTS = 3
-"""How often in turn a worker may end before it has started, and how often a sample alone may end its worker."""
+"""How often in turn, with no word from another, a worker may end before it has started, and how often a sample alone
+may end its worker."""
 
 
 NAME = "jaxmpm worker"
@@ -178,8 +179,9 @@ class Processes(Executor):
             return
         except Exception as error:  # a result that cannot be read here
             outcome = False, error
+        self.lost_at_start = 0
         if worker.task is None:
-            worker.started, self.lost_at_start = True, 0
+            worker.started = True
         elif outcome is None:
             worker.received = True
         else:

@@ -188,6 +188,28 @@ def test_a_worker_killed_while_it_sends_its_result_or_starts_is_replaced():
         assert begun.result(60) == (3, 1)
 
 
+def kill_one(pool, started):
+    """Kill a worker of a pool that has started, or one that has not, as soon as there is one."""
+    while not (found := [worker for worker in pool.workers if worker.started == started]):
+        time.sleep(0.001)
+    os.kill(found[0].process.pid, signal.SIGKILL)
+    while found[0] in pool.workers:
+        time.sleep(0.001)
+
+
+def test_workers_that_die_as_they_start_are_replaced_while_others_work():
+    with process_pool(2) as pool:
+        assert pool.submit(divmod, 7, 2).result(60) == (3, 1)
+        for _ in range(ATTEMPTS + 1):
+            resting, waiting = pool.submit(time.sleep, 0.1), pool.submit(divmod, 7, 2)
+            kill_one(pool, started=False)
+            assert (resting.result(60), waiting.result(60)) == (None, (3, 1))
+        kill_one(pool, started=True)
+        waiting = pool.submit(divmod, 9, 2)
+        kill_one(pool, started=False)
+        assert waiting.result(60) == (4, 1)
+
+
 class Unsent:
     def __reduce__(self):
         raise TypeError("stays here")
