@@ -101,13 +101,14 @@ def test_openturns_agrees_where_it_is_installed():
 def test_cases_that_are_left_out_say_so(monkeypatch, tmp_path):
     made = {"first": lambda: [{"case": "first"}], "second": lambda: [{"case": "second"}]}
     monkeypatch.setattr(public, "FAMILIES", {"family": lambda data, quick: made})
-    monkeypatch.setattr(public, "ROOT", tmp_path)
+    monkeypatch.setattr(public, "stored", lambda family: tmp_path)
     rows = list(public.rows(tmp_path, quick=True, only=["fi"]))
-    assert rows[0] == {"case": "first"}
+    assert (rows[0]["name"], rows[0]["case"]) == ("first", "first")
     assert rows[1]["case"] == "second"
     assert rows[1]["quantity"] == "not run"
     assert public.summarised(rows[1:])["exact_error_max"] is None
-    assert list(public.rows(tmp_path, quick=True))[1] == {"case": "second"}
-    assert list(public.rows(tmp_path, quick=True, only=["first"]))[1] == {"case": "second"}  # made before
+    both = list(public.rows(tmp_path, quick=True))
+    assert "quantity" not in both[1]
+    assert list(public.rows(tmp_path, quick=True, only=["first"])) == both  # made before
     with pytest.raises(ValueError, match="--only third: no case begins so, give beginnings of first, second"):
         list(public.rows(tmp_path, quick=True, only=["third"]))
