@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from cooperative.estimate import Bracket, critical_factor, first_guess, in_time, record_lows, wilson_interval
+from cooperative.estimate._in_time import _scores
 
 
 @given(count=st.integers(1, 15), data=st.data())
@@ -108,3 +109,18 @@ def test_a_time_before_all_others_at_which_nothing_happens_changes_nothing(seed)
     for field in ("probability", "audit_variance", "cov"):
         after = [getattr(each, field) for each in one_more[1:]]
         assert after == pytest.approx([getattr(each, field) for each in estimates]), field
+
+
+@given(st.integers(0, 1000), st.integers(0, 2))
+def test_samples_rank_by_class_then_by_the_time_of_failure_then_by_their_lowest_factor(seed, at):
+    rng = np.random.default_rng(seed)
+    first, factors = rng.integers(-1, 4, 12), np.exp(rng.standard_normal((12, 3)))
+    score = _scores(first, factors, at, 3)
+    np.testing.assert_array_equal(np.isnan(score), first < 0)
+    failed = (first >= 0) & (first <= at)
+    np.testing.assert_array_equal(score > 1, failed)
+    lowest = factors[:, : at + 1].min(axis=1)
+    ranked = np.lexsort((lowest, np.where(failed, first, 3), ~failed, first < 0))
+    assert np.argsort(-score).tolist()[: (first >= 0).sum()] == ranked.tolist()[: (first >= 0).sum()]
+    later = np.where(np.arange(3) > at, 0.01, factors)
+    np.testing.assert_array_equal(score, _scores(first, later, at, 3))
