@@ -17,7 +17,7 @@ import jaxmpm as mpm
 from benchmarks import results
 from benchmarks.__main__ import main
 from benchmarks.public import dam_breaks, elastic, public, rows, slopes
-from benchmarks.public.rows import row
+from benchmarks.public.rows import row, without_answer
 from jaxmpm.run._limit_load import find_kink, limit_load_scene
 
 
@@ -78,7 +78,7 @@ def test_rows_of_cases_that_are_left_out_are_those_kept_before(tmp_path, monkeyp
     monkeypatch.setattr(public, "FAMILIES", {"one": lambda *given: both(*given)})
     monkeypatch.setattr(public, "stored", lambda family: rows.stored(one))
     earlier = {"name": "one kept", **row("c", "q", 7.0, 1.0, 0.0), "day": "2020-02-02"}
-    new = {"name": "one new", **rows.without_answer("one new"), "day": None}
+    new = {"name": "one new", **without_answer("one new"), "day": None}
     (tmp_path / "public.json").write_text(json.dumps({"rows": [earlier, new]}))
     monkeypatch.setattr(public, "beginning_so", lambda made, only: {"one": made["one"]})
     found = list(public.rows(tmp_path, quick=False))
@@ -98,10 +98,13 @@ def test_figures_are_of_the_finest_rows_that_name_them():
         row("a", "q", 0.98, 1.0, 0.0, figure="exact_error_max", finest=True),
         row("b", "q", 0.94, 0.95, 0.0, figure="reliability_coverage_min", finest=True),
     ]
+    rows = [{"name": name, **row, "day": "2020-02-02"} for name, row in zip("aab", rows, strict=True)]
     values = public.summarised(rows)
     assert values["exact_error_max"] == pytest.approx(0.02)
     assert values["reliability_coverage_min"] == 0.94
     assert values["bui_front_error"] is None
+    lacking = {"name": "cbgeo bars", **without_answer("cbgeo bars"), "day": None}
+    assert public.summarised([*rows, lacking]) == values | {"exact_error_max": None}
 
 
 @given(st.floats(0.1, 100.0), st.floats(0.0, 35.0), st.floats(0.0, 1.0), st.floats(0.5, 20.0))
