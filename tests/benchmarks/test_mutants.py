@@ -65,7 +65,8 @@ def test_up():
 @pytest.fixture
 def tiny(tmp_path):
     """A repository of one module and its tests, one of which fails at any rate."""
-    for name, text in {"kl/__init__.py": "", "kl/own.py": CODE, "tests/kl/test_own.py": TESTS}.items():
+    files = {"kl/__init__.py": "", "kl/own.py": CODE, "tests/kl/test_own.py": TESTS, "sitecustomize.py": mutants.CLEAR}
+    for name, text in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
     return Copy(tmp_path)
