@@ -42,6 +42,7 @@ GUARD = (
     "a worker process imports the script that starts it, and the script starts the campaign again there: put what it "
     "does under the line if __name__ == '__main__':, or give workers = 1"
 )
+CONDITIONS = (ast.If, ast.IfExp, ast.BoolOp, ast.Compare, ast.Match, ast.While, ast.Assert, ast.comprehension)
 
 
 class WorkerLost(RuntimeError):
@@ -244,11 +245,17 @@ def refuse_unguarded(workers: int) -> None:
 
 
 def _unguarded(frame: FrameType | None) -> bool:
-    """Whether this frame runs for a statement of the main script up to which no other asks for the module's name."""
+    """Whether this frame runs for a statement of the main script that no condition, there or before it, could stop.
+
+    Any condition might be the guard, and so might one of a library through which the script came here.
+    """
     main = sys.modules["__main__"]
     if getattr(main, "__file__", None) is None or str(getattr(main.__spec__, "name", "")).endswith("__main__"):
         return False  # Workers import neither an interactive session nor the __main__.py of a package.
     while frame is not None and not (frame.f_globals is vars(main) and frame.f_code.co_name == "<module>"):
+        package = str(frame.f_globals.get("__name__")).partition(".")[0]
+        if frame.f_globals is not vars(main) and package not in ("cooperative", *sys.stdlib_module_names):
+            return False
         frame = frame.f_back
     if frame is None:
         return False
@@ -257,8 +264,7 @@ def _unguarded(frame: FrameType | None) -> bool:
     except SyntaxError:
         return False
     before = [statement for statement in script.body if statement.lineno <= frame.f_lineno]
-    names = {node.id for statement in before for node in ast.walk(statement) if isinstance(node, ast.Name)}
-    return bool(before) and "__name__" not in names
+    return bool(before) and not any(isinstance(node, CONDITIONS) for part in before for node in ast.walk(part))
 
 
 def process_pool(workers: int) -> Executor:

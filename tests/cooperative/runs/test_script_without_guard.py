@@ -33,6 +33,8 @@ STARTS = 'from cooperative.runs import refuse_unguarded\n{}refuse_unguarded({})\
         ("for _ in range(1):\n    ", 2, True),
         ("if __name__ == '__main__':\n    ", 2, False),
         ("if __name__ != '__main__':\n    raise SystemExit\n", 2, False),
+        ("globals()['__name__'] == '__main__' and ", 2, False),
+        ("import multiprocessing\nif multiprocessing.parent_process() is None:\n    ", 2, False),
     ],
 )
 def test_a_script_is_refused_where_a_worker_would_start_it_again(before, workers, refused, tmp_path):
@@ -50,6 +52,14 @@ def test_a_function_of_the_script_is_refused_where_the_script_calls_it_without_t
         runpy.run_path(str(script), run_name="__main__")
     script = tmp_path / "guarded.py"
     script.write_text(lines.replace("start()\nprint", "if __name__ == '__main__':\n    start()\n    print"))
+    runpy.run_path(str(script), run_name="__main__")
+
+
+def test_a_library_that_guards_its_start_is_left_to_do_so(tmp_path, monkeypatch):
+    (tmp_path / "guarding.py").write_text(STARTS.format("def start():\n    if __name__:\n        ", 2))
+    monkeypatch.syspath_prepend(tmp_path)
+    script = tmp_path / "script.py"
+    script.write_text("import guarding\nguarding.start()\n")
     runpy.run_path(str(script), run_name="__main__")
 
 
