@@ -170,45 +170,93 @@ JAXMPM_INLINE void raise(const Jet<T, W, jets(D - 1, ORDER)>& a, AxisWeight<T> a
 // Rows of a stencil in D dimensions: three nodes along the last axis, which follow each other.
 constexpr int rows_of(int dimension) { return dimension == 1 ? 1 : dimension == 2 ? 3 : 9; }
 
+// Numbers from a node to the next along each axis of an array of this shape.
+template <int D>
+struct Strides {
+  int64_t of[D];
+
+  JAXMPM_MEMBER Strides(int64_t stride, const int32_t* shape) {
+    for (int axis = D - 1; axis >= 0; --axis) {
+      of[axis] = stride;
+      stride *= shape[axis];
+    }
+  }
+
+  // To node n of the stencil of the first A axes.
+  template <int A>
+  JAXMPM_MEMBER int64_t to(int n) const {
+    int64_t offset = 0;
+#pragma GCC unroll 3
+    for (int axis = A - 1; axis >= 0; --axis, n /= kStencil) offset += n % kStencil * of[axis];
+    return offset;
+  }
+};
+
+constexpr int32_t kOneStencil[kAxes] = {kStencil, kStencil, kStencil};
+
 // Where the rows of a stencil lie in the nodal array.
 template <int D>
 struct NodeRows {
   const int32_t* first;
-  int32_t across, levels;
+  int32_t levels;
   int64_t stride, last;     // of nodes; lowest node of the last row that lies in the array
+  int64_t columns[rows_of(D)];  // from that of the lowest node to that of each row
   int64_t of[rows_of(D)];   // numbers from where the stencil starts to the first node of each row
-  int64_t largest;          // of these
 
   JAXMPM_APART explicit NodeRows(const Plan& plan)
-      : first(plan.first), across(plan.shape[D > 1 ? D - 2 : 0]), levels(plan.shape[D - 1]), stride(plan.stride),
-        last(plan.nodes - kStencil) {
-    for (int row = 0; row < rows_of(D); ++row) of[row] = row_columns(row) * levels * stride;
-    largest = of[rows_of(D) - 1];
-  }
-
-  // Columns from that of the lowest node to that of a row.
-  JAXMPM_MEMBER int64_t row_columns(int row) const {
-    return D == 3 ? int64_t{row / kStencil} * across + row % kStencil : int64_t{row};
+      : first(plan.first), levels(plan.shape[D - 1]), stride(plan.stride), last(plan.nodes - kStencil) {
+    for (int row = 0; row < rows_of(D); ++row) {
+      columns[row] = D == 3 ? int64_t{row / kStencil} * plan.shape[1] + row % kStencil : int64_t{row};
+      of[row] = columns[row] * levels * stride;
+    }
   }
 
   // Where the stencil with this lowest node starts; for other rows than those stored on the array all the same.
   JAXMPM_MEMBER int64_t start(int32_t node) {
     if (!first) return node * stride;
     const int32_t column = node / levels, level = node - column * levels;
-    largest = 0;
     for (int row = 0; row < rows_of(D); ++row) {
-      const int64_t lowest = int64_t{first[column + row_columns(row)]} + level;
+      const int64_t lowest = int64_t{first[column + columns[row]]} + level;
       of[row] = (lowest < 0 ? 0 : lowest > last ? last : lowest) * stride;
-      largest = of[row] > largest ? of[row] : largest;
     }
     return 0;
   }
 };
 
-// One particle to its stencil, from axis number D_ALL - D on; `n` is the number of what is before.
+// The nodes of one stencil in an array of their own, W numbers each at most; a load of PAST numbers may start at any.
+template <class T, int D, int W, int PAST>
+struct OneStencil {
+  NodeRows<D> rows;
+  Strides<D> strides;
+  int32_t base = -1;  // its lowest node
+  alignas(64) T of[rows_of(D) * kStencil * W + PAST] = {};
+
+  JAXMPM_APART explicit OneStencil(const Plan& plan) : rows(plan), strides(plan.stride, kOneStencil) {}
+
+  JAXMPM_APART void read(const T* nodal, int32_t node) {
+    base = node;
+    const T* const from = nodal + rows.start(node);
+    const int64_t count = kStencil * rows.stride;
+    for (int row = 0; row < rows_of(D); ++row) {
+      for (int i = 0; i < count; ++i) of[row * count + i] = from[rows.of[row] + i];
+    }
+  }
+
+  // Writes what has been read back.
+  JAXMPM_APART void write(T* nodal) {
+    if (base < 0) return;
+    T* const to = nodal + rows.start(base);
+    const int64_t count = kStencil * rows.stride;
+    for (int row = 0; row < rows_of(D); ++row) {
+      for (int i = 0; i < count; ++i) to[rows.of[row] + i] = of[row * count + i];
+    }
+  }
+};
+
+// One particle to its stencil, from axis number D_ALL - D on.
 template <class T, int W, int D, int ORDER, int D_ALL>
 JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D_ALL, ORDER>& weights, int p,
-                          const NodeRows<D_ALL>& rows, T* node, int n = 0) {
+                          const Strides<D_ALL>& strides, T* node) {
   if constexpr (D == 0) {
     store<T, W>(node, load<T, W>(node) + a.d[0]);
   } else {
@@ -216,8 +264,7 @@ JAXMPM_INLINE void spread(const Jet<T, W, jets(D, ORDER)>& a, const Weights<T, D
 #pragma GCC unroll 3
     for (int k = 0; k < kStencil; ++k) {
       const AxisWeight<T> at = weight_of(weights, axis, k, p);
-      T* const to = D == 1 ? node + rows.of[n] + k * rows.stride : node;
-      spread<T, W, D - 1, ORDER, D_ALL>(lower<T, W, D, ORDER>(a, at), weights, p, rows, to, kStencil * n + k);
+      spread<T, W, D - 1, ORDER, D_ALL>(lower<T, W, D, ORDER>(a, at), weights, p, strides, node + k * strides.of[axis]);
     }
   }
 }
@@ -237,23 +284,6 @@ JAXMPM_INLINE Jet<T, W, jets(D - LEFT, ORDER)> collect(const Weights<T, D_ALL, O
       const AxisWeight<T> at = weight_of(weights, axis, k, p);
       raise<T, W, D - LEFT, ORDER>(
           collect<T, W, D - 1, ORDER, D_ALL, LEFT>(weights, p, pack, kStencil * n + k), at, r);
-    }
-  }
-  return r;
-}
-
-// `collect` from packs that lie one after the other: small rather than fast.
-template <class T, int W, int D, int ORDER, int D_ALL, int LEFT>
-JAXMPM_APART Jet<T, W, jets(D - LEFT, ORDER)> collect_slowly(const Weights<T, D_ALL, ORDER>& weights, int p, const T* packs,
-                                                             int n = 0) {
-  Jet<T, W, jets(D - LEFT, ORDER)> r = {};
-  if constexpr (D == LEFT) {
-    r.d[0] = load<T, W>(packs + n * W);
-  } else {
-#pragma GCC unroll 1
-    for (int k = 0; k < kStencil; ++k) {
-      const auto below = collect_slowly<T, W, D - 1, ORDER, D_ALL, LEFT>(weights, p, packs, kStencil * n + k);
-      raise<T, W, D - LEFT, ORDER>(below, weight_of(weights, D_ALL - D, k, p), r);
     }
   }
   return r;
@@ -285,7 +315,8 @@ void scatter(const Plan& plan, const T* __restrict position, const void* const* 
   const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
   alignas(64) T coefficients[J][kBlock][W] = {};
-  NodeRows<D> stencil_rows(plan);
+  OneStencil<T, D, W, W> near(plan);
+  const Strides<D> strides = plan.first ? near.strides : Strides<D>(plan.stride, plan.shape);
   for (int64_t from = begin; from < end; from += kBlock) {
     const Block block(index, from, end);
     fill_weights(axes, Positions<T, D>(axes, position, block), weights);
@@ -294,10 +325,15 @@ void scatter(const Plan& plan, const T* __restrict position, const void* const* 
       Jet<T, W, J> a;
 #pragma GCC unroll 10
       for (int j = 0; j < J; ++j) a.d[j] = load<T, W>(coefficients[j][p]);
-      T* const node = nodal + stencil_rows.start(weights.node[p]);
-      spread<T, W, D, ORDER, D>(a, weights, p, stencil_rows, node);
+      if (plan.first && weights.node[p] != near.base) {
+        near.write(nodal);
+        near.read(nodal, weights.node[p]);
+      }
+      T* const node = plan.first ? near.of : nodal + int64_t{weights.node[p]} * plan.stride;
+      spread<T, W, D, ORDER, D>(a, weights, p, strides, node);
     }
   }
+  near.write(nodal);
 }
 
 // The jet of D axes that is `jet` of the first D - 1 of them, derived `order` times along the last one.
@@ -362,11 +398,10 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* __restrict position, cons
   constexpr bool kHeld = kVectorBytes == 64 && LEFT == 1;
   const Axes<T> axes(plan);
   Weights<T, D, ORDER> weights;
-  alignas(64) T edge[kPacks * P] = {}, sums[J][L > 0 ? kBlock : 1][P] = {};
-  NodeRows<D> rows(plan);
-  const int64_t highest = plan.nodes * plan.stride - P - (LEFT ? 0 : 2 * rows.stride);
-  const auto offset_of = [&](int n) { return LEFT ? rows.of[n] : rows.of[n / kStencil] + n % kStencil * rows.stride; };
-  const int within_row = (LEFT ? kStencil : 1) * plan.stride;
+  alignas(64) T sums[J][L > 0 ? kBlock : 1][P] = {};
+  OneStencil<T, D, W, P> apart(plan);  // near nodes, and a stencil whose last pack would end beyond the array
+  const Strides<D> dense(plan.stride, plan.shape);
+  const int64_t highest = plan.nodes * plan.stride - P - dense.template to<D - LEFT>(kPacks - 1);
   const int32_t stride = plan.stride;
   const auto collected = [&](int p, const auto& pack) { return collect<T, P, D, ORDER, D, LEFT>(weights, p, pack); };
   for (int64_t from = begin; from < end; from += kBlock) {
@@ -380,20 +415,16 @@ JAXMPM_INLINE void for_sums(const Plan& plan, const T* __restrict position, cons
       Jet<T, P, J> r;
       if (!kHeld || weights.node[p] != base) {
         base = weights.node[p];
-        const int64_t start = rows.start(base);
-        const T* node = nodal + start;
-        const auto read = [&](int n) { return load<T, P>(node + offset_of(n)); };
-        const bool within = __builtin_expect(start + rows.largest <= highest, 1);
-        // The last pack would end beyond the array.
-        for (int n = 0; !within && n < kPacks; ++n) {
-          for (int i = 0; i < within_row && i < P; ++i) edge[n * P + i] = node[offset_of(n) + i];
-        }
+        const bool within = __builtin_expect(!plan.first && int64_t{base} * stride <= highest, 1);
+        if (!within && base != apart.base) apart.read(nodal, base);
+        const T* const node = within ? nodal + int64_t{base} * stride : apart.of;
+        const Strides<D>& strides = within ? dense : apart.strides;
+        const auto read = [&](int n) { return load<T, P>(node + strides.template to<D - LEFT>(n)); };
         if constexpr (kHeld) {
 #pragma GCC unroll 9
-          for (int n = 0; n < kPacks; ++n) packs[n] = within ? read(n) : load<T, P>(edge + n * P);
+          for (int n = 0; n < kPacks; ++n) packs[n] = read(n);
         } else {
-          if (within) r = collected(p, read);
-          else r = collect_slowly<T, P, D, ORDER, D, LEFT>(weights, p, edge);
+          r = collected(p, read);
         }
       }
       if constexpr (kHeld) r = collected(p, [&](int n) { return packs[n]; });
