@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cooperative import runs
-from cooperative.estimate import Chances, Estimate, Estimator, chance_of, mean_interval, mean_of
+from cooperative.estimate import LEVEL, Chances, Estimate, Estimator, chance_of, mean_interval, mean_of
 from cooperative.folder import Results, read_results
 from cooperative.measure import ColumnPlan
 from cooperative.store import read_sample
@@ -52,7 +52,7 @@ class HazardMaps:
     least: float
     every: float
     missed: float
-    level: float = 0.95
+    level: float = LEVEL
     moving: int = 0
     until: float = np.inf
 

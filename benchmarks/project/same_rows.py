@@ -53,6 +53,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("other", type=Path, help="another")
     parser.add_argument("--most", type=float, default=1e-6, help="largest difference that passes (%(default)g)")
     args = parser.parse_args(arguments)
+    for path in (args.one, args.other):
+        if not path.exists():
+            parser.error(f"{path} does not exist: give the folder of a campaign, or its table")
     one, other = table_of(args.one), table_of(args.other)
     found = differences(one, other)
     for name, difference in found.items():

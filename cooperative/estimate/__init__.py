@@ -4,6 +4,7 @@ from cooperative.estimate._audit import AuditPlan
 from cooperative.estimate._audited import Audited, Subset, TwoPhase
 from cooperative.estimate._estimates import (
     LEAST_FREEDOM,
+    LEVEL,
     Estimate,
     after_more_runs,
     effective_size,
@@ -50,6 +51,7 @@ __all__ = [
     "ESTIMATORS",
     "FITTED",
     "LEAST_FREEDOM",
+    "LEVEL",
     "NOT_ASKED",
     "SETTINGS",
     "Answers",

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+LEVEL = 0.95
+"""Confidence level of an interval that is given none."""
 FEWEST = 5
 """Effective number of samples from which on a mean has an interval: fewer show too little of their scatter."""
 ALIKE = 1e-9
@@ -44,7 +46,7 @@ class Estimate:
     cov: float
     refined_runs: int
     method: str
-    level: float = 0.95
+    level: float = LEVEL
     notes: tuple[str, ...] = ()
     audit_variance: float = 0.0
     hidden_limit: float = 0.0
@@ -60,7 +62,7 @@ def with_variance(
     *,
     freedom: float = np.inf,
     audit_variance: float = 0.0,
-    level: float = 0.95,
+    level: float = LEVEL,
     notes: tuple[str, ...] = (),
     hidden_limit: float | None = None,
     independent: float = np.inf,
@@ -131,7 +133,7 @@ def binomial(
     samples: float,
     refined_runs: int,
     *,
-    level: float = 0.95,
+    level: float = LEVEL,
     notes: tuple[str, ...] = (),
     audit_variance: float = 0.0,
 ) -> Estimate:
@@ -166,7 +168,7 @@ def after_more_runs(estimate: Estimate, more: int = 50, *, samples: float = np.i
 
 
 def wilson_interval(
-    failures: float, samples: float, level: float = 0.95, *, freedom: float = np.inf
+    failures: float, samples: float, level: float = LEVEL, *, freedom: float = np.inf
 ) -> tuple[float, float]:
     """Score interval of Wilson (1927), JASA 22, 209-212, for `failures` among `samples`.
 
@@ -197,7 +199,7 @@ def wilson_interval(
     return float(low), float(high)
 
 
-def exact_limit(samples: float, level: float = 0.95) -> float:
+def exact_limit(samples: float, level: float = LEVEL) -> float:
     """Upper limit of the probability of what none of so many independent samples does.
 
     The one-sided binomial one, about 3 / n: Clopper and Pearson (1934), Biometrika 26, 404-413.
@@ -212,7 +214,7 @@ def exact_limit(samples: float, level: float = 0.95) -> float:
 def count_interval(
     failures: float,
     samples: float,
-    level: float = 0.95,
+    level: float = LEVEL,
     *,
     freedom: float = np.inf,
     failed: float = np.inf,
@@ -323,7 +325,7 @@ class Share:
     interval: tuple[float, float]
 
 
-def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, level: float = 0.95) -> dict[str, Share]:
+def shares(group: np.ndarray, weight: np.ndarray, names: tuple[str, ...], *, level: float = LEVEL) -> dict[str, Share]:
     """Share of each named group among samples (n,), n at least 1, with the Wilson interval of their effective size.
 
     Args:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cooperative.estimate._estimates import RARE, Estimate, binomial, count_interval, with_variance
+from cooperative.estimate._estimates import LEVEL, RARE, Estimate, binomial, count_interval, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._protocol import Answers
 from cooperative.estimate._ranking import rank_samples, stopping_rank
@@ -34,7 +34,7 @@ def as_answers(failed: Iterable[object]) -> np.ndarray:
     return np.array(answers, dtype=bool)
 
 
-def monte_carlo(failed: np.ndarray, *, level: float = 0.95, samples: float = np.inf) -> Estimate:
+def monte_carlo(failed: np.ndarray, *, level: float = LEVEL, samples: float = np.inf) -> Estimate:
     """n/N of samples that all ran on the refined grid, with a Wilson interval.
 
     Args:
@@ -63,7 +63,7 @@ def published(
     k_t: int,
     *,
     broke_off: np.ndarray | None = None,
-    level: float = 0.95,
+    level: float = LEVEL,
 ) -> Estimate:
     """n/N of Jiang et al.
 
@@ -103,7 +103,7 @@ def control_variate(
     refined: Mapping[int, bool],
     *,
     failure_displacement: float = 1.0,
-    level: float = 0.95,
+    level: float = LEVEL,
 ) -> Estimate:
     """Multifidelity control variate for a random subset of the samples run on both grids.
 

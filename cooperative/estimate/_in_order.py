@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cooperative.estimate._estimates import RARE, Estimate, binomial, count_interval, with_variance
+from cooperative.estimate._estimates import LEVEL, RARE, Estimate, binomial, count_interval, with_variance
 from cooperative.estimate._twophase import PRIOR_DRAWS, SPENT, target_weights
 
 Control = Callable[[np.ndarray], np.ndarray]
@@ -77,7 +77,7 @@ def in_order(
 
 
 def ordered_estimate(
-    method: str, outcome: np.ndarray, samples: int, ordered: Ordered, *, control: Control | None, level: float = 0.95
+    method: str, outcome: np.ndarray, samples: int, ordered: Ordered, *, control: Control | None, level: float = LEVEL
 ) -> Estimate:
     """The estimate from what ran in order, at least one look of it; see `in_order` for the arguments."""
     runs = ordered.draw_weight.size

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cooperative.estimate._estimates import Estimate, with_variance
+from cooperative.estimate._estimates import LEVEL, Estimate, with_variance
 from cooperative.estimate._formulas import control_variate, monte_carlo
 
 RECORD = 1e-3
@@ -129,7 +129,7 @@ def in_time(
     factors: np.ndarray | None,
     times: int,
     *,
-    level: float = 0.95,
+    level: float = LEVEL,
 ) -> list[Estimate]:
     """The probability that a slope has failed by each time.
 

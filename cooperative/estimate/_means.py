@@ -27,6 +27,7 @@ import scipy
 from cooperative.estimate._estimates import (
     ALIKE,
     LEAST_FREEDOM,
+    LEVEL,
     MOST_LEVERAGE,
     Estimate,
     quantile,
@@ -155,7 +156,7 @@ def mean_of(estimate: Estimate, weight: np.ndarray, amount: np.ndarray) -> Chanc
     return Chances(*(values.reshape(shape) for values in (value, low, high, count)))
 
 
-def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = 0.95) -> tuple[float, float] | None:
+def mean_interval(values: np.ndarray, weight: np.ndarray, *, level: float = LEVEL) -> tuple[float, float] | None:
     """Confidence limits of the weighted mean of positive values.
 
     The mean is a ratio of two totals, each of samples drawn with unequal chances, which the weights undo. Its variance

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cooperative.estimate._estimates import Estimate
+from cooperative.estimate._estimates import LEVEL, Estimate
 from cooperative.estimate._in_time import in_time
 
 
@@ -42,7 +42,7 @@ def fails_under(first: int, chain: Sequence[int], states: np.ndarray) -> np.ndar
 
 
 def on_chart(
-    fails: np.ndarray, refined: Mapping[int, np.ndarray] | None, factors: np.ndarray, *, level: float = 0.95
+    fails: np.ndarray, refined: Mapping[int, np.ndarray] | None, factors: np.ndarray, *, level: float = LEVEL
 ) -> list[Estimate]:
     """The probability of failure under each load of a chart, which rises along both of its axes.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cooperative.estimate._estimates import effective_size
+from cooperative.estimate._estimates import LEVEL, effective_size
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class Correlation:
 
 
 def correlation(
-    rough: np.ndarray, refined: np.ndarray, weight: np.ndarray, *, failure_displacement: float, level: float = 0.95
+    rough: np.ndarray, refined: np.ndarray, weight: np.ndarray, *, failure_displacement: float, level: float = LEVEL
 ) -> Correlation | None:
     """Correlation between the grids; None for fewer than 4 samples, or without any spread.
 

@@ -46,7 +46,7 @@ from cooperative.estimate._audit import (
     model_variance,
     surprise,
 )
-from cooperative.estimate._estimates import LEAST_FREEDOM, Estimate, exact_limit, with_variance
+from cooperative.estimate._estimates import LEAST_FREEDOM, LEVEL, Estimate, exact_limit, with_variance
 from cooperative.estimate._logistic import fit_logistic, normal_scores, predict_logistic, rough_centre
 from cooperative.estimate._nested import first_variance
 from cooperative.estimate._one_outcome import limit_of_one_outcome
@@ -103,7 +103,7 @@ def next_audit(population: Population, refined: Answers, plan: AuditPlan) -> lis
     return [int(sample) for sample in replay.order[replay.missing]]
 
 
-def two_phase(population: Population, refined: Answers, plan: AuditPlan, *, level: float = 0.95) -> Estimate:
+def two_phase(population: Population, refined: Answers, plan: AuditPlan, *, level: float = LEVEL) -> Estimate:
     """Estimate from the complete waves; see `next_audit` for the arguments.
 
     Unbiased for any relation between the grids. A run without an answer is replaced by what the model expected of it.
@@ -372,7 +372,7 @@ def _groups(population: Population, replay: _Replay) -> np.ndarray | None:
     return np.unique(population.replicate[replay.order], return_inverse=True)[1]
 
 
-def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = 0.95) -> Estimate:
+def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: float = LEVEL) -> Estimate:
     """The estimate by its scatter, or by the limit of runs that all ended alike."""
     audit = _audit(replay, _groups(population, replay))
     estimate, outcome_of_all = _scattered(population, replay, plan, audit, level), replay.outcome_of_all
@@ -422,7 +422,7 @@ def _estimate(population: Population, replay: _Replay, plan: AuditPlan, level: f
 
 
 def _scattered(
-    population: Population, replay: _Replay, plan: AuditPlan, audit: AuditTotal, level: float = 0.95
+    population: Population, replay: _Replay, plan: AuditPlan, audit: AuditTotal, level: float = LEVEL
 ) -> Estimate:
     """The estimate by the scatter of its draws."""
     weight, model, grouped = replay.weight, replay.model, population.replicate is not None

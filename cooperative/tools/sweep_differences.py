@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from cooperative.estimate import LEAST_FREEDOM, Failures
+from cooperative.estimate import LEAST_FREEDOM, LEVEL, Failures
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def paired_difference(
     variance: Sequence[float] = (0.0, 0.0),
     *,
     unit: float = 1.0,
-    level: float = 0.95,
+    level: float = LEVEL,
 ) -> Difference:
     """Difference of the probabilities of failure of two campaigns of the same samples.
 

@@ -17,6 +17,8 @@ from typing import Literal
 import numpy as np
 from scipy.stats import norm
 
+from cooperative.estimate import LEVEL
+
 POINTS = 41
 """Levels at which a curve is given."""
 STEPS = 200
@@ -58,7 +60,7 @@ class Curve:
 
 def fit_fragility(
     levels: Sequence[float], probability: Sequence[float], covariance: np.ndarray, samples: int, *,
-    level: float = 0.95, even: bool = False,
+    level: float = LEVEL, even: bool = False,
 ) -> tuple[Curve, ...]:  # fmt: skip
     """Fragility curves of campaigns of the same samples, the likelier form first.
 

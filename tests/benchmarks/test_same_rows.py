@@ -27,3 +27,10 @@ def test_what_differs_is_seen(old, new, code, tmp_path, capsys):
     other.write_text(ROWS.replace(old, new))
     assert main([str(one), str(other)]) == code
     assert "rows" in capsys.readouterr().out
+
+
+def test_a_path_that_does_not_exist_is_named(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([str(tmp_path / "none"), str(tmp_path)])
+    assert ended.value.code == 2
+    assert f"{tmp_path / 'none'} does not exist" in capsys.readouterr().err

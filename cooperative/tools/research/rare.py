@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special, stats
 
-from cooperative.estimate import Estimate, as_answers, with_variance
+from cooperative.estimate import LEVEL, Estimate, as_answers, with_variance
 from cooperative.tools.research._run import Field, varied_run
 from jaxmpm import Scene, State, objectives
 from jaxmpm.support import check
@@ -241,7 +241,7 @@ def importance_sampling(
     samples: int,
     *,
     seed: int = 0,
-    level: float = 0.95,
+    level: float = LEVEL,
     probes: int = 16,
 ) -> Estimate:
     """Probability of failure from samples around design points, weighted back to the standard normal.
