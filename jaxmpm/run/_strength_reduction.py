@@ -28,7 +28,7 @@ from jaxmpm.run._limit_load import (
     moved,
     stands_to,
 )
-from jaxmpm.run._stopping import Exceeds, Settle, check_duration, check_volume, farthest
+from jaxmpm.run._stopping import Exceeds, Rule, Settle, check_duration, check_volume, farthest
 from jaxmpm.setup import WALL_STRENGTH, check_scene
 from jaxmpm.support import check
 from jaxmpm.support.text import shown
@@ -79,7 +79,7 @@ def factor_of_safety(
     resolution: float = 0.01,
     t_end: float = 20.0,
     batch: int = 8,
-    settle: Settle | None = None,
+    settle: Rule | None = None,
     least_volume: float | None = None,
     progress: Callable[[Sequence[float], Sequence[float]], None] | None = None,
 ) -> FactorOfSafety:
@@ -122,8 +122,8 @@ def factor_of_safety(
     check.positive("resolution", resolution)
     check.positive("bracket", bracket)
     check.whole("batch", batch, least=2)
-    if settle is not None and not isinstance(settle, Settle):
-        raise ValueError(f"settle = {shown(settle)}: give Settle(...), or None")
+    if settle is not None and not isinstance(settle, Rule):
+        raise ValueError(f"settle = {shown(settle)}: give Settle(...) or another rule, or None")
     check_duration(t_end)
     check_volume(least_volume)
     check_scene(scene)
@@ -176,7 +176,7 @@ def factor_of_safety(
 
 
 def _by_displacement(
-    exceeds: Exceeds, scene: Scene, state: State, factors: list[float], t_end: float, settle: Settle
+    exceeds: Exceeds, scene: Scene, state: State, factors: list[float], t_end: float, settle: Rule
 ) -> list[tuple[float, bool]]:
     """Largest displacement (m) at each factor, and whether the slope exceeds the limit."""
     varied, axes = reductions(scene, jnp.asarray(factors, scene.particles.mass.dtype))

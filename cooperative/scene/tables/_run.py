@@ -94,8 +94,9 @@ class Run(Part):
         otherwise="a tenth of the slope's height, or of three mean thicknesses of the ground where that is less",
         synonyms="front_thickness deposit_thickness",
     )
-    settle: Flag | SkipJsonSchema[InstanceOf[Settle] | InstanceOf[FromScript]] = key(
-        "Whether a run ends once its slope has come to rest. Python may give a `jaxmpm.Settle`, taken as it is.",
+    settle: Flag | SkipJsonSchema[InstanceOf[Rule] | InstanceOf[FromScript]] = key(
+        "Whether a run ends once its slope has come to rest. Python may give a `jaxmpm.Settle`, or another rule, taken "
+        "as it is.",
         True,
         True,
     )
@@ -122,13 +123,13 @@ class Run(Part):
             )  # fmt: skip
         return self
 
-    def settling(self, volume: float | None = None) -> Settle | None:
+    def settling(self, volume: float | None = None) -> Rule | None:
         """When a lane has settled; a slide, which exceeds the failure displacement, once its deposit rests.
 
         Args:
             volume: of soil whose motion counts (m3, in a section m2), None for that of any particle.
         """
-        if isinstance(self.settle, Settle):
+        if isinstance(self.settle, Rule):
             return self.settle
         slides = None if self.rest is False else self.failure_displacement
         return Settle(slides=slides, least_volume=volume) if self.settle else None

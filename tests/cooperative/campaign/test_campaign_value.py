@@ -42,8 +42,8 @@ from cooperative.folder import read_results
 from cooperative.reporting._sentences import probability
 from cooperative.scene import Exposed, FromScript, _words, campaign_of, parse
 from cooperative.scene._words import campaign_of_words, of_words, source_of_value
-from cooperative.store import Source, open_store, refuse_another
-from jaxmpm.run import Settle
+from cooperative.store import Source, open_store, read_rows, refuse_another
+from jaxmpm.run import Rule, Settle
 from tests.cooperative.effects.test_exposed import HAZARD
 from tests.cooperative.scene.test_own_soil import SensitiveClay, Tresca
 from tests.cooperative.scene.test_random_soil import CORRELATED, SAND
@@ -249,6 +249,19 @@ class SlowRest(Settle):
     """A stopping rule of a script's own."""
 
 
+@dataclass(frozen=True)
+class AtTime(Rule):
+    """A stopping rule of a script's own that looks at nothing but the time."""
+
+    seconds: float
+
+    def measure(self, scene, state):
+        return ()
+
+    def judge(self, memory, reading):
+        return memory, np.where(reading.time >= self.seconds, mpm.Status.SETTLED, mpm.Status.RUNNING)
+
+
 class Skewed(kl.Lognormal):
     """A marginal of a script's own."""
 
@@ -257,6 +270,7 @@ class Skewed(kl.Lognormal):
     ("changed", "name"),
     [
         ({"run": Run(settle=SlowRest())}, "run"),
+        ({"run": Run(settle=AtTime(0.1))}, "run"),
         ({"random": {"strength": replace(SHORT.random["strength"], marginal=Skewed)}}, "random"),
         ({"ground": Site(SLOPE, layers=(SiteLayer("clay", Stratum(CLAY, depth=None), {}, rock=False),))}, "ground"),
     ],
@@ -266,6 +280,15 @@ def test_a_folder_names_each_part_that_its_script_has_to_give_again(changed, nam
     assert [missing.what for missing in campaign.missing] == [name]
     with pytest.raises(ValueError, match=f"the campaign's {name} is .*, which a script gave: run that script"):
         campaign.require()
+
+
+def test_runs_of_a_campaign_end_by_a_rule_of_ones_own(tmp_path):
+    run(replace(SHORT, run=Run(t_end=0.3, settle=AtTime(0.1))), tmp_path)
+    for grid in ("rough", "refined"):
+        columns = read_rows(tmp_path, grid).columns
+        assert set(columns["status"]) == {"SETTLED"}
+        assert (columns["time"] >= 0.1).all()
+        assert (columns["time"] < 0.3).all()
 
 
 def test_what_a_script_gave_is_asked_of_it():
