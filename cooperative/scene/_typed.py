@@ -148,7 +148,7 @@ def source_of(scene: Source | str | Path) -> Source:
     return read_scene(Path(scene))
 
 
-def read_scene(path: Path, *, outside: bool = False) -> Source:
+def read_scene(path: str | Path, *, outside: bool = False) -> Source:
     """A scene's file, with the points and heights of the files that it names.
 
     Args:
@@ -158,6 +158,7 @@ def read_scene(path: Path, *, outside: bool = False) -> Source:
     Raises:
         ValueError: a file is missing or no text, the message names it; or the file holds what no scene has.
     """
+    path = Path(path)
     if not path.exists():
         raise Invalid((), None, f"there is no scene {path}", "give the path of a scene in TOML")
     if not path.is_file():

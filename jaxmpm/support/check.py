@@ -425,8 +425,14 @@ def admissible(tree: object) -> Array:
     return good
 
 
+SAME_LENGTH = 1e-7
+"""Share by which two lengths may differ and be one: positions of single precision are not told apart by less."""
+
+
 def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
     """Number of times that one length goes into another, which has to be whole.
+
+    A length may be off by SAME_LENGTH, as one that was converted from feet is.
 
     Args:
         name: of the length, for the message.
@@ -443,9 +449,9 @@ def multiple(name: str, length: float, unit_name: str, unit: float) -> int:
     positive(name, length, "m")
     # Beyond 2^53 every number is whole, and infinity has no rounding.
     count = round(length / unit) if length / unit < 2**53 else 0
-    if count < 1 or not math.isclose(count * unit, length, rel_tol=1e-9):
+    if count < 1 or not math.isclose(count * unit, length, rel_tol=SAME_LENGTH):
         raise ValueError(
-            f"{name} = {length:g} m is no whole multiple of {unit_name} = {unit:g} m: "
+            f"{name} = {length:.9g} m is no whole multiple of {unit_name} = {unit:.9g} m: "
             f"change {unit_name} to a divisor, e.g. {_divisor(length, max(1, count))} m"
         )
     return count

@@ -45,7 +45,7 @@ def test_a_file_in_the_folder_is_read_by_any_name(scene, name):
 def test_the_folder_of_a_scene_may_itself_be_a_link(scene, tmp_path):
     given(scene, "line.csv")
     (tmp_path / "link").symlink_to(scene[0])
-    assert read_scene(tmp_path / "link" / "section.toml") == read_scene(scene[0] / "section.toml")
+    assert read_scene(str(tmp_path / "link" / "section.toml")) == read_scene(scene[0] / "section.toml")
 
 
 def outside(scene, tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cooperative.scene import parse
+from cooperative.scene import built, parse
 from tests.jaxmpm.support.test_table import written
 from tests.scenes import tables
 
@@ -23,6 +23,8 @@ length = [20.0, 4.0]
 boreholes = "values.csv"
 borehole_error = 0.1
 """ + tables()
+DIGITS = 6
+"""Digits behind the point in a file."""
 FORMS = {
     "semicolons": (";", ",", False),
     "tabs": ("\t", ",", False),
@@ -38,7 +40,9 @@ def scene(folder, form, encoding="utf-8", scale=1.0, length="m", stress="kPa", o
         ("ground.csv", SURFACE, [f"x [{length}]", f"z [{length}]"]),
         ("values.csv", MEASURED, [f"x [{length}]", f"z [{length}]", f"su [{stress}]"]),
     ):
-        scaled = [[each * factor for each, factor in zip(row, factors, strict=False)][::order] for row in rows]
+        scaled = [
+            [round(each * factor, DIGITS) for each, factor in zip(row, factors, strict=False)][::order] for row in rows
+        ]
         (folder / name).write_bytes(written(scaled, *form, head=heads[::order]).encode(encoding))
     (folder / "scene.toml").write_text(SCENE)
     return parse(folder / "scene.toml")
@@ -60,6 +64,9 @@ def test_a_scene_is_the_same_whatever_form_its_tables_have(form, encoding, tmp_p
 def test_units_of_a_table_are_those_of_its_headings(length, scale, tmp_path):
     other = scene(tmp_path, (",", ".", False), scale=scale, length=length, stress="Pa")
     assert np.allclose(other.site.shape.surface, SURFACE, atol=1e-4)
+    plain = scene(tmp_path, (",", ".", False))
+    columns = [built(each, "rough", at_rest=False)[0].grid.shape[0] for each in (other, plain)]
+    assert columns[0] == columns[1]
     assert np.allclose(other.random["strength"].boreholes, [(x, z, 1e3 * value) for x, z, value in MEASURED], atol=1e-4)
 
 

@@ -147,6 +147,16 @@ def test_the_divisor_that_a_message_asks_for_is_accepted(length, unit):
         assert check.multiple("length", length, "unit", float(remedy)) >= 1
 
 
+@given(st.floats(1e-3, 1e3), st.integers(1, 10_000))
+def test_a_multiple_in_single_precision_is_whole(unit, count):
+    assert check.multiple("length", float(np.float32(count * unit)), "unit", unit) == count
+
+
+def test_a_message_shows_the_digits_by_which_a_multiple_is_none():
+    with pytest.raises(ValueError, match=r"length = 40\.00001 m is no whole multiple of cell = 2 m"):
+        check.multiple("length", 40.00001, "cell", 2.0)
+
+
 def test_the_divisor_has_few_digits_where_some_will_do():
     with pytest.raises(ValueError, match=r"to a divisor, e\.g\. 0\.375 m$"):
         check.multiple("cell", 0.75, "spacing", 0.373832)
