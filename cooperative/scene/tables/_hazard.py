@@ -130,7 +130,8 @@ class Exposed(Part):
             )  # fmt: skip
         if (self.value is None) != (self.vulnerability is None):
             raise Invalid((), None, "has a value or a vulnerability alone", "give both together, or neither")
-        self.element  # noqa: B018, raises for one that is none
+        if not isinstance(self.polygon, str):  # the name of a file that is not read
+            self.element  # noqa: B018, raises for one that is none
         return self
 
     @cached_property

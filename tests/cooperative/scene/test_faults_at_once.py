@@ -120,6 +120,26 @@ def test_twenty_faults_are_printed_by_table_and_the_others_counted(tmp_path, cap
     )
 
 
+FILES = {
+    "surface": ("ground", {"surface": "none.csv"}),
+    "water": ("water", {"table": "none.csv"}),
+    "motion": ("motion", {"record": "none.csv"}),
+    "polygon of an element at risk": ("exposed", [{"name": "house", "polygon": "none.csv"}]),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_cannot_be_read_is_named_beside_a_key_that_is_not_known(name, tmp_path):
+    tables = tomllib.loads(LAYERED)
+    table, keys = FILES[name]
+    tables[table] = keys if isinstance(keys, list) else tables.get(table, {}) | keys
+    tables["run"]["hue"] = 3
+    (tmp_path / "scene.toml").write_text(to_toml(tables))
+    faults = faults_of(tmp_path / "scene.toml")
+    assert any("none.csv" in fault for fault in faults)
+    assert any("unknown key 'hue'" in fault for fault in faults)
+
+
 def test_gathered_faults_flatten():
     outer = Gathered()
     with outer.of("layer"):
