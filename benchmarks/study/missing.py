@@ -131,17 +131,16 @@ def outcome_of(run: Run, folder: Path, stop: Callable[[], bool] = lambda: False)
     else:
         with open_store(folder, campaign.source):
             (sample,) = run_samples(model, sample_coefficients, numbers, restart_in=folder, stop=stop)
-    return as_outcome(sample, float(model.scene.numerics.time_step), run.until)
+    return as_outcome(sample, run.until)
 
 
-def as_outcome(sample: FinishedRun, dt: float, until: Until) -> Outcome:
-    """A sample as the study's rows have it. dt: its time step (s). until: see `Run`."""
-    names = ["displacement"] if until == "class" else [field.name for field in fields(Outcome)]
+def as_outcome(sample: FinishedRun, until: Until) -> Outcome:
+    """A sample as the study's rows have it. until: see `Run`."""
+    names = ["displacement", "time"] if until == "class" else [field.name for field in fields(Outcome)]
     measured = {name: sample.row[name] for name in names if name in sample.row}
     rounded = {name: float(f"{value:.6g}") if isinstance(value, float) else value for name, value in measured.items()}
     return Outcome(
         status=sample.status,
-        time=round(sample.steps * dt, 5),
         steps=sample.steps,
         seconds=round(sample.seconds, 3),
         device=sample.device,

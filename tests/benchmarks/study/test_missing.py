@@ -94,7 +94,7 @@ def test_a_slide_is_that_of_reduced_strength_and_goes_on_where_it_was_stopped(mo
     model = build(campaign, "refined", random_soil(campaign))
     scene, state = model.of_sample()
     # A lane ends with its chunk of steps, a little beyond t_end.
-    result = solve(reduced(scene, 1.5), state, t_end=outcome.time, rules=campaign.run.settles).raise_if_failed()
+    result = solve(reduced(scene, 1.5), state, t_end=outcome.time, rules=campaign.rules()).raise_if_failed()
     far = float(np.linalg.norm(np.asarray(result.state.displacement), axis=0).max())
     assert outcome.displacement_any == pytest.approx(far, rel=1e-3)
     assert outcome.steps == int(result.state.step)
