@@ -353,8 +353,8 @@ def _conditioning(
             worst = data[int(np.argmax(outside))]
             raise ValueError(
                 f"the borehole value {worst[-1]:g} at {worst[:-1].tolist()} m lies outside the ground, which reaches "
-                f"from {list(box[0])} to {np.add(*box).tolist()} m, as do {int(outside.sum()) - 1} more: correct their "
-                "positions, or leave them out, as jaxmpm site --section does"
+                f"from {list(box[0])} to {np.add(*box).tolist()} m (values outside: {int(outside.sum())} of "
+                f"{len(data)}): correct their positions, or leave them out, as jaxmpm site --section does"
             )
         modes = np.asarray(kl.field.mode_matrix(expansion, np.where(np.abs(near - at) <= BESIDE, near, at)))
         rows.append(np.kron(weights[name][None], modes))
