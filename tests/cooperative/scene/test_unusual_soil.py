@@ -24,7 +24,7 @@ def test_a_campaign_of_odd_numbers_leaves_no_folder(tmp_path):
 
 def test_boreholes_that_cannot_be_are_refused():
     outside = changed(TINY, ("cov = 0.4", "cov = 0.4\nboreholes = [[99.0, 1.0, 35e3]]"))
-    with pytest.raises(ValueError, match=r"35000 at \[99.0, 1.0\] m lies outside the ground.*\(values outside: 1 of 1\)"):
+    with pytest.raises(ValueError, match=r"35000 at .* lies outside the ground.*\(values outside: 1 of 1\)"):
         runs.random_soil(parse(outside))
     bounded = changed(TINY, ("cov = 0.4", 'cov = 0.2\nmarginal = "uniform"\nboreholes = [[4.0, 1.0, 95e3]]'))
     with pytest.raises(ValueError, match=r"value 95000 at \[4.0, 1.0\] m cannot occur in Uniform"):
