@@ -251,7 +251,10 @@ def check_rules(rules: Sequence[Rule | Condition], scene: Scene, state: State) -
 
     Raises ValueError for what is no rule, or where the run lacks what a rule needs.
     """
-    if not isinstance(rules, Sequence) or not all(isinstance(rule, Rule) or callable(rule) for rule in rules):
+    # A class has the methods of its instances, and may be called.
+    if not isinstance(rules, Sequence) or any(
+        isinstance(rule, type) or (not callable(rule) and not isinstance(rule, Rule)) for rule in rules
+    ):
         raise ValueError(
             f"rules = {shown(rules)}: give a list of rules, as in rules=[Settle(), Exceeds(1.0)], or of functions of "
             "scene and state that say whether a lane ends"

@@ -122,7 +122,7 @@ def factor_of_safety(
     check.positive("resolution", resolution)
     check.positive("bracket", bracket)
     check.whole("batch", batch, least=2)
-    if settle is not None and not isinstance(settle, Rule):
+    if isinstance(settle, type) or (settle is not None and not isinstance(settle, Rule)):
         raise ValueError(f"settle = {shown(settle)}: give Settle(...) or another rule, or None")
     check_duration(t_end)
     check_volume(least_volume)

@@ -111,6 +111,9 @@ class Run(Part):
 
     @validates(mode="after")
     def _consistent(self) -> Self:
+        if isinstance(self.settle, type):
+            name = self.settle.__name__
+            raise Invalid(("settle",), name, "is a class", f"give a rule of it, {name}(...)")
         if self.rest and not self.settle:
             raise Invalid(
                 ("rest",), "true", "with settle = false", "a slide that rests has settled, leave one of them out"

@@ -282,6 +282,17 @@ def test_a_folder_names_each_part_that_its_script_has_to_give_again(changed, nam
         campaign.require()
 
 
+def test_the_class_of_a_rule_is_no_rule():
+    scene, state = mpm.block((2.0,), CLAY, mpm.Discretisation(1.0, (0.5,)), domain=(8,), corner=(3.0,))
+    for rule in (Settle, AtTime):
+        with pytest.raises(ValueError, match=f"settle = {rule.__name__} is a class: give a rule of it"):
+            Run(settle=rule)
+        with pytest.raises(ValueError, match="give a list of rules"):
+            mpm.solve(scene, state, t_end=0.1, rules=[rule])
+        with pytest.raises(ValueError, match=r"give Settle\(...\) or another rule"):
+            mpm.factor_of_safety(scene, state, settle=rule)
+
+
 def test_runs_of_a_campaign_end_by_a_rule_of_ones_own(tmp_path):
     run(replace(SHORT, run=Run(t_end=0.3, settle=AtTime(0.1))), tmp_path)
     for grid in ("rough", "refined"):
