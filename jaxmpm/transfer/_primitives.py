@@ -128,10 +128,9 @@ def _refuse(native_only: bool) -> None:
         )
 
 
-def _runs(engine: ModuleType, grid: Grid, kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
-    """Whether an engine has a kernel for a transfer; that of GPUs has none for nodes near soil alone."""
-    stores = grid.stored is None or engine is native
-    return stores and engine.available() and native.supports(kernel, position, terms)
+def _runs(engine: ModuleType, kernel: Kernel, position: Array, terms: Sequence[Term]) -> bool:
+    """Whether an engine has a kernel for a transfer."""
+    return engine.available() and native.supports(kernel, position, terms)
 
 
 def _scatter_native(
@@ -144,7 +143,7 @@ def _scatter_native(
     channels: int,
 ) -> Array:
     where, blocks = placed(arrays, grid)
-    if _runs(engine, grid, kernel, where[0], terms):
+    if _runs(engine, kernel, where[0], terms):
         return engine.scatter(grid, kernel, where[0], blocks, terms=terms, channels=channels, **_rows_by(where))
     return _scatter_xla(*arrays, native_only=native_only, grid=grid, kernel=kernel, terms=terms, channels=channels)
 
@@ -159,7 +158,7 @@ def _gather_native(
     rows: int,
 ) -> Array:
     where, (nodal,) = placed(arrays, grid)
-    if _runs(engine, grid, kernel, where[0], terms):
+    if _runs(engine, kernel, where[0], terms):
         return engine.gather(grid, kernel, where[0], nodal, terms=terms, rows=rows, **_rows_by(where))
     return _gather_xla(*arrays, native_only=native_only, grid=grid, kernel=kernel, terms=terms, rows=rows)
 
@@ -174,7 +173,7 @@ def _contract_native(
     rows: int,
 ) -> Sequence[Array]:
     where, (nodal, *blocks) = placed(arrays, grid)
-    if _runs(engine, grid, kernel, where[0], _raised(terms, grid.dimension)):
+    if _runs(engine, kernel, where[0], _raised(terms, grid.dimension)):
         return engine.contract(grid, kernel, where[0], nodal, blocks, terms=terms, rows=rows, **_rows_by(where))
     return _contract_expanded(*arrays, rows=rows, native_only=native_only, grid=grid, kernel=kernel, terms=terms)
 

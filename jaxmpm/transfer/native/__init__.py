@@ -132,14 +132,14 @@ def scatter(
     Returns:
         (..., nodes, channels).
     """
-    arrays = (position, *_optional(first), *blocks)
+    arrays = (position, *optional(first), *blocks)
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
     parts = []
     for channel in range(0, channels, MAX_CHANNELS):
         count = min(channels - channel, MAX_CHANNELS)
         result = jax.ShapeDtypeStruct((*batch, rows_of_grid(grid), width(count)), position.dtype)
         call = jax.ffi.ffi_call("jaxmpm_scatter", result)
-        parts.append(call(*arrays, **_attributes(grid, kernel, _shifted(terms, channel, count)))[..., :count])
+        parts.append(call(*arrays, **attributes(grid, kernel, _shifted(terms, channel, count)))[..., :count])
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=-1)
 
 
@@ -167,10 +167,10 @@ def gather(
     Returns:
         (..., rows, N).
     """
-    batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *_optional(first))))
+    batch = np.broadcast_shapes(*(a.shape[:-2] for a in (position, nodal, *optional(first))))
     result = jax.ShapeDtypeStruct((*batch, rows, position.shape[-1]), position.dtype)
     call = jax.ffi.ffi_call("jaxmpm_gather", result)
-    return _by_channels(call, grid, kernel, (position, nodal, *_optional(first)), terms)
+    return _by_channels(call, grid, kernel, (position, nodal, *optional(first)), terms)
 
 
 def contract(
@@ -199,7 +199,7 @@ def contract(
     Returns:
         Derivative (..., d, N), and the result of `gather` (..., rows, N).
     """
-    arrays = (position, nodal, *_optional(first), *blocks)
+    arrays = (position, nodal, *optional(first), *blocks)
     batch = np.broadcast_shapes(*(a.shape[:-2] for a in arrays))
     results = [
         jax.ShapeDtypeStruct((*batch, count, position.shape[-1]), position.dtype) for count in (grid.dimension, rows)
@@ -252,11 +252,11 @@ def _by_channels(
         # A kernel takes nodes of no more channels than its width.
         count = count if width(met) == width(count) else met
         part = nodal if count == nodal.shape[-1] else nodal[..., first : first + count]
-        parts.append(call(position, part, *others, **_attributes(grid, kernel, _shifted(terms, first, count))))
+        parts.append(call(position, part, *others, **attributes(grid, kernel, _shifted(terms, first, count))))
     return functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
 
 
-def _optional(first: Array | None) -> tuple[Array, ...]:
+def optional(first: Array | None) -> tuple[Array, ...]:
     """The array, where a transfer has it."""
     return () if first is None else (first,)
 
@@ -280,11 +280,6 @@ def attributes_of(grid: Grid) -> dict[str, np.ndarray | np.generic]:
     }
 
 
-def _attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, np.ndarray | np.generic]:
-    """What a kernel of this engine is told besides: how many nodes the grid stores near soil alone, 0 for all."""
-    return attributes(grid, kernel, terms) | {"stored": np.int64(grid.stored or 0)}
-
-
 def attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, np.ndarray | np.generic]:
     """What a kernel is told of a transfer."""
     d = grid.dimension
@@ -295,4 +290,5 @@ def attributes(grid: Grid, kernel: Kernel, terms: Sequence[Term]) -> dict[str, n
         "function": np.int64(FUNCTIONS[type(kernel)]),
         "half": np.array([h / grid.cell for h in half], np.float64),
         "terms": np.array(numbers, np.int64).reshape(-1),
+        "stored": np.int64(grid.stored or 0),
     }

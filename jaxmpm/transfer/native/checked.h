@@ -152,6 +152,33 @@ std::string check_lanes(const std::vector<ffi::AnyBuffer>& read, ffi::AnyBuffer:
   return "";
 }
 
+// What is wrong with the rows of columns, an array with the leading axes of a position.
+std::string check_first(const Plan& plan, ffi::AnyBuffer first, ffi::AnyBuffer position) {
+  const auto of = first.dimensions(), at = position.dimensions();
+  int64_t columns = 1;
+  for (int axis = 0; axis + 1 < plan.dimension; ++axis) columns *= plan.shape[axis];
+  const bool fits = first.element_type() == ffi::S32 && of.size() == at.size() && of.size() >= 2;
+  return fits && of[of.size() - 2] == 1 && of[of.size() - 1] == columns ? "" : "there is not one row for each column";
+}
+
+// What a transfer takes after its positions, and its nodes where it reads them: `first`, if `stored`, and blocks of rows.
+struct Rest {
+  std::vector<ffi::AnyBuffer> first, blocks;
+
+  Rest(const std::vector<ffi::AnyBuffer>& given, int64_t stored) {
+    const std::size_t count = stored && !given.empty() ? 1 : 0;
+    first.assign(given.begin(), given.begin() + count);
+    blocks.assign(given.begin() + count, given.end());
+  }
+
+  std::string check(const Plan& plan, int64_t stored, ffi::AnyBuffer position, ffi::AnyBuffer::Dimensions batch) const {
+    if (stored && first.empty()) return "the rows of columns are missing";
+    std::string wrong = stored ? check_first(plan, first[0], position) : "";
+    if (wrong.empty()) wrong = check_lanes(first, batch);
+    return wrong.empty() ? check_lanes(blocks, batch) : wrong;
+  }
+};
+
 // The arrays that a handler takes as its last arguments.
 ffi::ErrorOr<std::vector<ffi::AnyBuffer>> remaining(ffi::RemainingArgs& rest) {
   std::vector<ffi::AnyBuffer> blocks;
@@ -171,7 +198,8 @@ auto with_attributes(Binding binding) {
       .template Attr<double>("cell")
       .template Attr<int64_t>("function")
       .template Attr<Reals>("half")
-      .template Attr<Integers>("terms");
+      .template Attr<Integers>("terms")
+      .template Attr<int64_t>("stored");
 }
 
 }  // namespace

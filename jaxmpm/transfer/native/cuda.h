@@ -59,6 +59,7 @@ struct Transfer {
   Plan plan;
   int64_t lanes;
   Lanes position, nodal, slope, rows;
+  Lanes first;          // rows of columns, see Plan; null where all nodes are stored
   void* copies;         // of `nodal` of all lanes, copies_of() times
   Terms terms;
   Order order;
@@ -79,9 +80,10 @@ inline Cut cut_of(const Plan& plan) {
 }
 
 // Copies of the nodes, of so many numbers in all lanes, that a scatter sums into; 0 where it sums into the nodes themselves. Few
-// numbers have a copy for each column that meets a node, so that one launch sums all of them: the sums are the same.
-inline int32_t copies_of(int32_t dimension, int64_t numbers) {
-  return dimension == 1 ? 0 : dimension == 3 && numbers <= kFewNumbers ? kStencil * kStencil : kStencil;
+// numbers have a copy for each column that meets a node, so that one launch sums all of them: the sums are the same. Rows of
+// nodes near soil do not tell which plane they lie in, by which those copies are summed.
+inline int32_t copies_of(int32_t dimension, int64_t numbers, bool near) {
+  return dimension == 1 ? 0 : dimension == 3 && numbers <= kFewNumbers && !near ? kStencil * kStencil : kStencil;
 }
 
 // Each returns false, and launches nothing, where no kernel was compiled for the plan.

@@ -25,7 +25,7 @@ from jax import Array
 from jaxmpm.grid import Grid
 from jaxmpm.protocols import Kernel
 from jaxmpm.transfer import native
-from jaxmpm.transfer._stencil import Term
+from jaxmpm.transfer._stencil import Term, rows_of_grid
 
 LIBRARY = "libjaxmpm_cuda.so"
 TARGETS = tuple(f"jaxmpm_cuda_{name}" for name in ("order", "scatter", "gather", "contract", "cell_sums"))
@@ -75,7 +75,7 @@ def fault() -> str | None:
 def _loaded(path: Path) -> ctypes.CDLL:
     kernels = ctypes.CDLL(str(path))
     helpers = {
-        "jaxmpm_cuda_copies": (ctypes.c_int32, [ctypes.c_int32, ctypes.c_int64]),
+        "jaxmpm_cuda_copies": (ctypes.c_int32, [ctypes.c_int32, ctypes.c_int64, ctypes.c_bool]),
         "jaxmpm_cuda_bytes_to_order": (ctypes.c_int64, [ctypes.c_int64, ctypes.c_int64]),
         "jaxmpm_cuda_fault": (ctypes.c_char_p, []),
     }
@@ -89,35 +89,52 @@ def _loaded(path: Path) -> ctypes.CDLL:
 
 
 def scatter(
-    grid: Grid, kernel: Kernel, position: Array, blocks: Sequence[Array], *, terms: Sequence[Term], channels: int
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    blocks: Sequence[Array],
+    *,
+    terms: Sequence[Term],
+    channels: int,
+    first: Array | None = None,
 ) -> Array:
     """As `jaxmpm.transfer.native.scatter`."""
-    batch, (position, *blocks) = _one_batch(position, *blocks)
+    batch, (position, *rest) = _one_batch(position, *native.optional(first), *blocks)
+    near, blocks = (rest[:1], rest[1:]) if grid.stored else ([], rest)
     if len(blocks) > MAX_BLOCKS:
         lanes = max(len(block) for block in blocks)
         blocks = [jnp.concatenate([jnp.broadcast_to(b, (lanes, *b.shape[1:])) for b in blocks], axis=1)]
-    lanes = max(len(a) for a in (position, *blocks))
+    lanes, rows = max(len(a) for a in (position, *near, *blocks)), rows_of_grid(grid)
     order = _order(grid, position)
     columns: dict[int, Array] = {}
     for group in _groups(terms, channels):
-        shape = (lanes, grid.nodes, native.width(len(group)))
-        copies = _loaded(_built()).jaxmpm_cuda_copies(grid.dimension, math.prod(shape))
+        shape = (lanes, rows, native.width(len(group)))
+        copies = _loaded(_built()).jaxmpm_cuda_copies(grid.dimension, math.prod(shape), bool(near))
         results = [jax.ShapeDtypeStruct(of, position.dtype) for of in (shape, (copies, math.prod(shape)))]
         call = jax.ffi.ffi_call("jaxmpm_cuda_scatter", results)
-        nodal, _ = call(position, *order, *blocks, **native.attributes(grid, kernel, _renumbered(terms, group)))
+        nodal, _ = call(position, *order, *near, *blocks, **native.attributes(grid, kernel, _renumbered(terms, group)))
         if group == list(range(channels)):
-            return nodal[..., :channels].reshape(*batch, grid.nodes, channels)
+            return nodal[..., :channels].reshape(*batch, rows, channels)
         columns |= {channel: nodal[..., i : i + 1] for i, channel in enumerate(group) if channel is not None}
     nodal = jnp.concatenate([columns[channel] for channel in range(channels)], axis=-1)
-    return nodal.reshape(*batch, grid.nodes, channels)
+    return nodal.reshape(*batch, rows, channels)
 
 
-def gather(grid: Grid, kernel: Kernel, position: Array, nodal: Array, *, terms: Sequence[Term], rows: int) -> Array:
+def gather(
+    grid: Grid,
+    kernel: Kernel,
+    position: Array,
+    nodal: Array,
+    *,
+    terms: Sequence[Term],
+    rows: int,
+    first: Array | None = None,
+) -> Array:
     """As `jaxmpm.transfer.native.gather`."""
-    batch, (position, nodal) = _one_batch(position, nodal)
-    lanes = max(len(position), len(nodal))
+    batch, arrays = _one_batch(position, nodal, *native.optional(first))
+    lanes = max(map(len, arrays))
     result = jax.ShapeDtypeStruct((lanes, rows, position.shape[-1]), position.dtype)
-    parts = _by_channels(jax.ffi.ffi_call("jaxmpm_cuda_gather", result), grid, kernel, (position, nodal), terms, terms)
+    parts = _by_channels(jax.ffi.ffi_call("jaxmpm_cuda_gather", result), grid, kernel, arrays, terms, terms)
     return functools.reduce(jnp.add, parts).reshape(*batch, *result.shape[1:])
 
 
@@ -130,14 +147,15 @@ def contract(
     *,
     terms: Sequence[Term],
     rows: int,
+    first: Array | None = None,
 ) -> Sequence[Array]:
     """As `jaxmpm.transfer.native.contract`."""
-    batch, (position, nodal, *blocks) = _one_batch(position, nodal, *blocks)
-    lanes = max(len(a) for a in (position, nodal, *blocks))
+    batch, arrays = _one_batch(position, nodal, *native.optional(first), *blocks)
+    lanes = max(map(len, arrays))
     results = [jax.ShapeDtypeStruct((lanes, n, position.shape[-1]), position.dtype) for n in (grid.dimension, rows)]
     call = jax.ffi.ffi_call("jaxmpm_cuda_contract", results)
     derived = [t._replace(axes=(*t.axes, 0)) for t in terms]
-    parts = _by_channels(call, grid, kernel, (position, nodal, *blocks), terms, derived)
+    parts = _by_channels(call, grid, kernel, arrays, terms, derived)
     summed = functools.reduce(functools.partial(jax.tree.map, jnp.add), parts)
     return [a.reshape(*batch, *a.shape[1:]) for a in summed]
 
@@ -222,7 +240,7 @@ def _by_channels(
 
     A kernel takes four channels where their weights, those of the terms `derived`, have second derivatives.
     """
-    position, nodal, *blocks = arrays
+    position, nodal, *rest = arrays
     met = sorted({t.channel for t in terms})
     most = FOUR if max(_orders(derived).values()) > 1 else native.MAX_CHANNELS
     results = []
@@ -231,7 +249,7 @@ def _by_channels(
         part = nodal[..., group[0] : group[0] + len(group)] if follow else nodal[..., np.array(group)]
         width = 1 if len(group) == 1 else native.width(len(group))
         part = jnp.pad(part, [(0, 0)] * (part.ndim - 1) + [(0, width - len(group))])
-        results.append(call(position, part, *blocks, **native.attributes(grid, kernel, _renumbered(terms, group))))
+        results.append(call(position, part, *rest, **native.attributes(grid, kernel, _renumbered(terms, group))))
     return results
 
 

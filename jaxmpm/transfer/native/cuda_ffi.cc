@@ -81,12 +81,14 @@ std::string take_terms(const Checked& c, const std::vector<Row>& rows, Terms& te
   return "";
 }
 
-Transfer transfer_of(const Checked& c, int64_t lanes, ffi::AnyBuffer position, ffi::AnyBuffer nodal, cudaStream_t stream) {
+Transfer transfer_of(const Checked& c, int64_t lanes, ffi::AnyBuffer position, ffi::AnyBuffer nodal, const Rest& rest,
+                     cudaStream_t stream) {
   Transfer transfer{};
   transfer.plan = c.plan;
   transfer.lanes = lanes;
   transfer.position = lanes_of(position);
   transfer.nodal = lanes_of(nodal);
+  if (!rest.first.empty()) transfer.first = lanes_of(rest.first[0]);
   transfer.stream = stream;
   return transfer;
 }
@@ -138,66 +140,75 @@ ffi::Error order_handler(cudaStream_t stream, ffi::AnyBuffer position, ffi::Resu
 const CudaKernels& kernels_of(Scalar scalar) { return scalar == Scalar::kFloat ? cuda_float : cuda_double; }
 
 ffi::Error scatter_handler(cudaStream_t stream, ffi::AnyBuffer position, ffi::AnyBuffer list, ffi::AnyBuffer offsets,
-                           ffi::RemainingArgs rest, ffi::Result<ffi::AnyBuffer> nodal, ffi::Result<ffi::AnyBuffer> copies,
-                           Integers shape, Reals origin, double cell, int64_t function, Reals half, Integers terms) {
-  const auto blocks = remaining(rest);
-  if (!blocks.has_value()) return blocks.error();
+                           ffi::RemainingArgs others, ffi::Result<ffi::AnyBuffer> nodal, ffi::Result<ffi::AnyBuffer> copies,
+                           Integers shape, Reals origin, double cell, int64_t function, Reals half, Integers terms, int64_t stored) {
+  const auto given = remaining(others);
+  if (!given.has_value()) return given.error();
+  const Rest rest(*given, stored);
   Checked c;
   std::string wrong = check_ranks({position, list, offsets, *nodal});
-  if (wrong.empty()) wrong = check_ranks(*blocks);
-  if (wrong.empty()) wrong = check(c, {shape, origin, cell, function, half, terms}, position, *nodal, *blocks);
+  if (wrong.empty()) wrong = check_ranks(*given);
+  if (wrong.empty()) wrong = check(c, {shape, origin, cell, function, half, terms, stored}, position, *nodal, rest.blocks);
   const auto batch = nodal->dimensions();
   if (wrong.empty()) wrong = check_lanes({position}, batch);
-  if (wrong.empty()) wrong = check_lanes(*blocks, batch);
+  if (wrong.empty()) wrong = rest.check(c.plan, stored, position, batch);
   if (wrong.empty()) wrong = check_order(c, position, list, offsets);
   if (wrong.empty() && c.plan.stride != c.plan.width) wrong = "the nodal array is not padded to the kernels' width";
   const int64_t numbers = nodal->element_count();
-  if (wrong.empty() && static_cast<int64_t>(copies->element_count()) < numbers * copies_of(c.plan.dimension, numbers)) wrong = "there are too few copies of the nodes";
+  if (wrong.empty() && static_cast<int64_t>(copies->element_count()) < numbers * copies_of(c.plan.dimension, numbers, stored)) wrong = "there are too few copies of the nodes";
   if (!wrong.empty()) return invalid(wrong);
-  Transfer transfer = transfer_of(c, batch[0], position, *nodal, stream);
-  if (wrong = take_terms(c, rows_of(*blocks), transfer.terms); !wrong.empty()) return invalid(wrong);
+  Transfer transfer = transfer_of(c, batch[0], position, *nodal, rest, stream);
+  if (wrong = take_terms(c, rows_of(rest.blocks), transfer.terms); !wrong.empty()) return invalid(wrong);
   transfer.order = {static_cast<int32_t*>(list.untyped_data()), static_cast<int32_t*>(offsets.untyped_data()), position.dimensions()[0] == 1};
   transfer.copies = copies->untyped_data();
   return answer(kernels_of(c.scalar).scatter(transfer));
 }
 
-ffi::Error gather_handler(cudaStream_t stream, ffi::AnyBuffer position, ffi::AnyBuffer nodal, ffi::Result<ffi::AnyBuffer> rows,
-                          Integers shape, Reals origin, double cell, int64_t function, Reals half, Integers terms) {
+ffi::Error gather_handler(cudaStream_t stream, ffi::AnyBuffer position, ffi::AnyBuffer nodal, ffi::RemainingArgs others,
+                          ffi::Result<ffi::AnyBuffer> rows, Integers shape, Reals origin, double cell, int64_t function, Reals half,
+                          Integers terms, int64_t stored) {
+  const auto given = remaining(others);
+  if (!given.has_value()) return given.error();
+  const Rest rest(*given, stored);
   Checked c;
   std::string wrong = check_ranks({position, nodal, *rows});
-  if (wrong.empty()) wrong = check(c, {shape, origin, cell, function, half, terms}, position, nodal, {*rows});
+  if (wrong.empty()) wrong = check_ranks(*given);
+  if (wrong.empty()) wrong = check(c, {shape, origin, cell, function, half, terms, stored}, position, nodal, {*rows});
   const auto batch = rows->dimensions();
   if (wrong.empty()) wrong = check_lanes({position, nodal}, batch);
+  if (wrong.empty()) wrong = rest.check(c.plan, stored, position, batch);
+  if (wrong.empty() && !rest.blocks.empty()) wrong = "a gather takes no rows";
   if (!wrong.empty()) return invalid(wrong);
-  Transfer transfer = transfer_of(c, batch[0], position, nodal, stream);
+  Transfer transfer = transfer_of(c, batch[0], position, nodal, rest, stream);
   transfer.rows = lanes_of(*rows);
   if (wrong = take_terms(c, {}, transfer.terms); !wrong.empty()) return invalid(wrong);
   clear_rows_without_terms(c, *rows, stream);
   return answer(kernels_of(c.scalar).gather(transfer));
 }
 
-ffi::Error contract_handler(cudaStream_t stream, ffi::AnyBuffer position, ffi::AnyBuffer nodal, ffi::RemainingArgs rest,
+ffi::Error contract_handler(cudaStream_t stream, ffi::AnyBuffer position, ffi::AnyBuffer nodal, ffi::RemainingArgs others,
                             ffi::Result<ffi::AnyBuffer> slope, ffi::Result<ffi::AnyBuffer> gathered, Integers shape, Reals origin,
-                            double cell, int64_t function, Reals half, Integers terms) {
-  const auto blocks = remaining(rest);
-  if (!blocks.has_value()) return blocks.error();
+                            double cell, int64_t function, Reals half, Integers terms, int64_t stored) {
+  const auto given = remaining(others);
+  if (!given.has_value()) return given.error();
+  const Rest rest(*given, stored);
   Checked c;
   std::string wrong = check_ranks({position, nodal, *slope, *gathered});
-  if (wrong.empty()) wrong = check_ranks(*blocks);
-  if (wrong.empty()) wrong = check(c, {shape, origin, cell, function, half, terms}, position, nodal, *blocks);
+  if (wrong.empty()) wrong = check_ranks(*given);
+  if (wrong.empty()) wrong = check(c, {shape, origin, cell, function, half, terms, stored}, position, nodal, rest.blocks);
   if (wrong.empty()) wrong = c.check_rows(*slope, position);
   if (wrong.empty()) wrong = c.check_rows(*gathered, position);
   const auto batch = slope->dimensions();
   if (wrong.empty()) wrong = check_lanes({position, nodal, *gathered}, batch);
-  if (wrong.empty()) wrong = check_lanes(*blocks, batch);
+  if (wrong.empty()) wrong = rest.check(c.plan, stored, position, batch);
   const int64_t asked = wrong.empty() ? gathered->dimensions()[1] : 0;
   if (wrong.empty() && batch[1] != c.plan.dimension) wrong = "the slope has not one row for each axis";
   if (wrong.empty() && asked != 0 && asked != c.plan.rows) wrong = "the gathered rows are not as many as the rows given";
   if (!wrong.empty()) return invalid(wrong);
   ++c.plan.order;
-  Transfer transfer = transfer_of(c, batch[0], position, nodal, stream);
+  Transfer transfer = transfer_of(c, batch[0], position, nodal, rest, stream);
   transfer.slope = lanes_of(*slope);
-  if (wrong = take_terms(c, rows_of(*blocks), transfer.terms); !wrong.empty()) return invalid(wrong);
+  if (wrong = take_terms(c, rows_of(rest.blocks), transfer.terms); !wrong.empty()) return invalid(wrong);
   if (asked) {
     transfer.rows = lanes_of(*gathered);
     clear_rows_without_terms(c, *gathered, stream);
@@ -240,7 +251,9 @@ auto order_binding() {
 auto scatter_binding() {
   return with_attributes(on_stream().Arg<ffi::AnyBuffer>().Arg<ffi::AnyBuffer>().RemainingArgs().Ret<ffi::AnyBuffer>().Ret<ffi::AnyBuffer>());
 }
-auto gather_binding() { return with_attributes(on_stream().Arg<ffi::AnyBuffer>().Ret<ffi::AnyBuffer>()); }
+auto gather_binding() {
+  return with_attributes(on_stream().Arg<ffi::AnyBuffer>().RemainingArgs().Ret<ffi::AnyBuffer>());
+}
 auto contract_binding() {
   return with_attributes(on_stream().Arg<ffi::AnyBuffer>().RemainingArgs().Ret<ffi::AnyBuffer>().Ret<ffi::AnyBuffer>());
 }
@@ -252,8 +265,8 @@ auto cell_sums_binding() {
 }  // namespace jaxmpm
 
 #pragma GCC visibility push(default)
-// Copies that a scatter takes of its nodes, of so many numbers in all lanes.
-extern "C" int32_t jaxmpm_cuda_copies(int32_t dimension, int64_t numbers) { return jaxmpm::copies_of(dimension, numbers); }
+// Copies that a scatter takes of its nodes, of so many numbers in all lanes; near: nodes near soil alone are stored.
+extern "C" int32_t jaxmpm_cuda_copies(int32_t dimension, int64_t numbers, bool near) { return jaxmpm::copies_of(dimension, numbers, near); }
 // Bytes of scratch of an order or of sums in cells, for the particles and the nodes or cells of all lanes that have an order.
 extern "C" int64_t jaxmpm_cuda_bytes_to_order(int64_t particles, int64_t places) { return jaxmpm::bytes_to_order(particles, places); }
 // Why this machine's GPU does not run the library; null where it does.

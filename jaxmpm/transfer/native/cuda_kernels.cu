@@ -63,6 +63,27 @@ __device__ __forceinline__ Place<T, D> place_of(const Axes<T>& axes, const T* po
   return place;
 }
 
+// Rows of the nodes of a lane: those of a column follow each other. NEAR: nodes near soil alone are stored.
+template <bool NEAR>
+struct Rows {
+  const int32_t* first;  // see Plan
+  int32_t stored;
+
+  __device__ __forceinline__ Rows(const Lanes& of, int64_t lane, int32_t stored)
+      : first(static_cast<const int32_t*>(of.data) + lane * of.step), stored(stored) {}
+
+  // The row of the node of this number in a column.
+  __device__ __forceinline__ int64_t of(int64_t column, int32_t levels, int32_t number) const {
+    if constexpr (NEAR) return int64_t{first[column]} + number;
+    return column * levels + number;
+  }
+  // The first of so many rows, which an array has. Where soil reaches more nodes than are stored, rows mean nothing.
+  __device__ __forceinline__ int64_t within(int64_t row, int32_t count = 1) const {
+    if constexpr (NEAR) return row < 0 ? 0 : row < stored - count ? row : stored - count;
+    return row;
+  }
+};
+
 // Value and derivatives (1/m, 1/m2) of the shape function of a node of a particle's stencil along an axis.
 template <class T, int D, int ORDER>
 __device__ __forceinline__ void weight_at(const Axes<T>& axes, const Place<T, D>& place, int axis, int node, T (&of)[ORDER + 1]) {
@@ -137,7 +158,8 @@ struct ScatterGiven {
   Cut cut;
   Columns columns;
   Order order;
-  Lanes position, nodal;  // `nodal` of the first copy
+  Lanes position, nodal, first;  // `nodal` of the first copy
+  int32_t stored;
   int64_t copy;           // numbers from one copy to the next
   Slot slots[kMaxJets * kGroup];
   bool several;           // rows for some slot
@@ -287,7 +309,7 @@ __device__ __forceinline__ void fill_record(const ScatterGiven<T>& given, int32_
   for (int i = 0; i < kSlots; ++i) record[S::kWeights + i] = brought[i];
 }
 
-template <class T, int D, int FIRST, int SECOND, int USED>
+template <bool NEAR, class T, int D, int FIRST, int SECOND, int USED>
 __global__ void __launch_bounds__(kWarp * kSegments) scatter_columns(const __grid_constant__ ScatterGiven<T> given) {
   using S = Scatter<T, D, FIRST, SECOND, USED>;
   JAXMPM_SHARED(memory);
@@ -318,10 +340,14 @@ __global__ void __launch_bounds__(kWarp * kSegments) scatter_columns(const __gri
   const T* const position = static_cast<const T*>(given.position.data) + lane * given.position.step;
   T* const nodal = static_cast<T*>(given.nodal.data) + int64_t{lane} * given.nodal.step;
   const auto copy_of = [&](int32_t dx, int32_t dy) { return D == 1 ? 0 : D == 2 ? dx : given.columns.every == 1 ? kStencil * dy + dx : dy; };
-  const auto node_at = [&](int32_t of_column, int32_t z) {
+  const Rows<NEAR> rows(given.first, lane, given.stored);
+  // The copy for a column of the stencil, and the row of a node in it.
+  const auto copy_at = [&](int32_t of_column) {
+    return nodal + (D == 3 ? copy_of(of_column / kStencil, of_column % kStencil) : copy_of(of_column, 0)) * given.copy;
+  };
+  const auto row_of = [&](int32_t of_column, int32_t z) {
     const int32_t dx = D == 3 ? of_column / kStencil : of_column, dy = D == 3 ? of_column % kStencil : 0;
-    const int64_t row = D == 1 ? 0 : int64_t{x + dx} * second_nodes + y + dy;
-    return nodal + copy_of(dx, dy) * given.copy + (row * last_nodes + z) * S::kWidth;
+    return rows.of(D == 1 ? 0 : int64_t{x + dx} * second_nodes + y + dy, last_nodes, z);
   };
   for (int32_t segment = warp; segment < cut.count; segment += warps) {
     const int32_t start = segment * cut.length, stop = start + cut.length;
@@ -329,11 +355,12 @@ __global__ void __launch_bounds__(kWarp * kSegments) scatter_columns(const __gri
     if (begin >= end) continue;
     SegmentSums<T, D, FIRST, SECOND, USED> sums(lane_of_warp);
     const int32_t of_column = sums.node / kStencil;
-    T* const nodes = node_at(of_column, 0);
+    const int64_t lowest = row_of(of_column, 0);
+    T* const from_node = copy_at(of_column) + (NEAR ? 0 : lowest * S::kWidth);
     const auto put = [&](int32_t z, const T (&at_node)[S::kWidth]) {
       const int32_t level = z - start;
       if (!cut_up || (level >= 2 && level < cut.length)) {
-        add_to(nodes + int64_t{z} * S::kWidth, at_node);
+        add_to(from_node + (NEAR ? rows.within(lowest + z) : z) * S::kWidth, at_node);
         return;
       }
       T* const edge = level < 2 ? edges[segment].own[level][of_column] : edges[segment + 1].below[level - cut.length][of_column];
@@ -378,7 +405,7 @@ __global__ void __launch_bounds__(kWarp * kSegments) scatter_columns(const __gri
       both[c] = edges[segment].below[level][of_column][c] + edges[segment].own[level][of_column][c];
       some |= both[c] != 0;
     }
-    if (some) add_to(node_at(of_column, z), both);
+    if (some) add_to(copy_at(of_column) + rows.within(row_of(of_column, z)) * S::kWidth, both);
   }
 }
 
@@ -409,11 +436,12 @@ template <class T, int D, int FIRST, int SECOND, int USED>
 bool launch_scatter(const Transfer& transfer) {
   using S = Scatter<T, D, FIRST, SECOND, USED>;
   const Plan& plan = transfer.plan;
-  int64_t nodes = 1;
-  for (int axis = 0; axis < D; ++axis) nodes *= plan.shape[axis];
-  const int64_t of_lane = nodes * S::kWidth, of_all = transfer.lanes * of_lane;
-  const int copies = copies_of(D, of_all);
-  ScatterGiven<T> given{Axes<T>(plan), cut_of(plan), {}, transfer.order, transfer.position, transfer.nodal, of_all};
+  const int64_t of_lane = plan.nodes * S::kWidth, of_all = transfer.lanes * of_lane;
+  const bool near = transfer.first.data != nullptr;
+  const auto kernel = near ? scatter_columns<(D > 1), T, D, FIRST, SECOND, USED> : scatter_columns<false, T, D, FIRST, SECOND, USED>;
+  const int copies = copies_of(D, of_all, near);
+  ScatterGiven<T> given{Axes<T>(plan), cut_of(plan), {}, transfer.order, transfer.position, transfer.nodal, transfer.first,
+                        static_cast<int32_t>(plan.nodes), of_all};
   given.terms = transfer.terms;
   for (int i = 0; i < S::kFirst + S::kSecond; ++i) {
     const int start = given.terms.start[S::bucket_of(i)], end = given.terms.start[S::bucket_of(i) + 1];
@@ -431,7 +459,7 @@ bool launch_scatter(const Transfer& transfer) {
     const int64_t blocks = transfer.lanes * given.columns.along_first * given.columns.along_second;
     if (blocks > INT32_MAX) return false;
     if (blocks > 0) {
-      JAXMPM_LAUNCH((scatter_columns<T, D, FIRST, SECOND, USED>), static_cast<unsigned>(blocks), threads, bytes, transfer.stream, given);
+      JAXMPM_LAUNCH(kernel, static_cast<unsigned>(blocks), threads, bytes, transfer.stream, given);
     }
   }
   if constexpr (D > 1) {
@@ -453,8 +481,8 @@ bool launch_scatter(const Transfer& transfer) {
 template <class T>
 struct GatherGiven {
   Axes<T> axes;
-  int32_t blocks_of_lane;
-  Lanes position, nodal, slope, rows;
+  int32_t blocks_of_lane, stored;
+  Lanes position, nodal, slope, rows, first;
   Terms terms;
 };
 
@@ -464,12 +492,16 @@ struct StencilSums {
   static constexpr int kOrder = order_of(KINDS), kCount = jets_of(D, KINDS), kFirst = first_jet(KINDS);
   T of[kCount][W];
 
-  __device__ __forceinline__ StencilSums(const Axes<T>& axes, const Place<T, D>& place, const T* __restrict__ nodal) {
+  template <bool NEAR>
+  __device__ __forceinline__ StencilSums(const Axes<T>& axes, const Place<T, D>& place, const Rows<NEAR>& rows,
+                                         const T* __restrict__ nodal) {
     T weights[D][kStencil][kOrder + 1];
-    int64_t lowest = 0;
+    // The first column of the stencil; the row of its lowest node, of each column's where nodes near soil alone are stored.
+    int64_t corner = 0, lowest = 0;
 #pragma unroll
     for (int axis = 0; axis < D; ++axis) {
       lowest = lowest * axes.nodes[axis] + place.base[axis];
+      if (axis == D - 2) corner = lowest;
 #pragma unroll
       for (int k = 0; k < kStencil; ++k) weight_at<T, D, kOrder>(axes, place, axis, k, weights[axis][k]);
     }
@@ -481,9 +513,11 @@ struct StencilSums {
 #pragma unroll
     for (int n = 0; n < power_of_three(D); ++n) {
       const int at[3] = {D == 3 ? n / 9 : D == 2 ? n / 3 : n, D == 3 ? n / 3 % 3 : n % 3, n % 3};
-      int64_t node = at[0];
+      int64_t column = 0;
 #pragma unroll
-      for (int axis = 1; axis < D; ++axis) node = node * axes.nodes[axis] + at[axis];
+      for (int axis = 0; axis < D - 1; ++axis) column = column * axes.nodes[axis] + at[axis];
+      if (NEAR && at[D - 1] == 0) lowest = rows.within(rows.of(corner + column, 0, place.base[D - 1]), kStencil);
+      const int64_t node = NEAR ? at[D - 1] : column * axes.nodes[D - 1] + at[D - 1];
       T along[D][kOrder + 1], values[W];
 #pragma unroll
       for (int axis = 0; axis < D; ++axis) {
@@ -532,19 +566,20 @@ struct StencilSums {
   }
 };
 
-template <class T, int D, int W, int KINDS>
+template <bool NEAR, class T, int D, int W, int KINDS>
 __global__ void __launch_bounds__(kThreads) gather_particles(const __grid_constant__ GatherGiven<T> given) {
   const int64_t lane = blockIdx.x / given.blocks_of_lane, particles = given.axes.particles;
   const int64_t p = int64_t{blockIdx.x % given.blocks_of_lane} * kThreads + threadIdx.x;
   if (p >= particles) return;
   const T* const position = static_cast<const T*>(given.position.data) + lane * given.position.step;
   const T* const nodal = static_cast<const T*>(given.nodal.data) + lane * given.nodal.step;
-  const StencilSums<T, D, W, KINDS> sums(given.axes, place_of<T, D>(given.axes, position, p), nodal);
+  const Rows<NEAR> rows(given.first, lane, given.stored);
+  const StencilSums<T, D, W, KINDS> sums(given.axes, place_of<T, D>(given.axes, position, p), rows, nodal);
   sums.write(given.terms, kMaxJets, static_cast<T*>(given.rows.data) + lane * given.rows.step, particles, p);
 }
 
 // ORDER is one above that of the terms.
-template <class T, int D, int W, int ORDER>
+template <bool NEAR, class T, int D, int W, int ORDER>
 __global__ void __launch_bounds__(kThreads) contract_particles(const __grid_constant__ GatherGiven<T> given) {
   const int64_t lane = blockIdx.x / given.blocks_of_lane, particles = given.axes.particles;
   const int64_t p = int64_t{blockIdx.x % given.blocks_of_lane} * kThreads + threadIdx.x;
@@ -552,7 +587,8 @@ __global__ void __launch_bounds__(kThreads) contract_particles(const __grid_cons
   const T* const position = static_cast<const T*>(given.position.data) + lane * given.position.step;
   const T* const nodal = static_cast<const T*>(given.nodal.data) + lane * given.nodal.step;
   constexpr int kKinds = ORDER == 2 ? kValues | kSlopes | kCurvatures : kValues | kSlopes;
-  const StencilSums<T, D, W, kKinds> sums(given.axes, place_of<T, D>(given.axes, position, p), nodal);
+  const Rows<NEAR> rows(given.first, lane, given.stored);
+  const StencilSums<T, D, W, kKinds> sums(given.axes, place_of<T, D>(given.axes, position, p), rows, nodal);
   T slope[D] = {};
 #pragma unroll
   for (int j = 0; j < jets(D, ORDER - 1); ++j) {
@@ -574,8 +610,8 @@ __global__ void __launch_bounds__(kThreads) contract_particles(const __grid_cons
 template <class T>
 bool take(const Transfer& transfer, GatherGiven<T>& given, int64_t& blocks) {
   const int64_t of_lane = (transfer.plan.particles + kThreads - 1) / kThreads;
-  given = {Axes<T>(transfer.plan), static_cast<int32_t>(of_lane), transfer.position, transfer.nodal, transfer.slope,
-           transfer.rows, transfer.terms};
+  given = {Axes<T>(transfer.plan), static_cast<int32_t>(of_lane), static_cast<int32_t>(transfer.plan.nodes), transfer.position,
+           transfer.nodal, transfer.slope, transfer.rows, transfer.first, transfer.terms};
   blocks = of_lane * transfer.lanes;
   return blocks <= INT32_MAX;
 }
@@ -621,7 +657,8 @@ bool launch_gather(const Transfer& transfer) {
   int64_t blocks;
   if (!take(transfer, given, blocks)) return false;
   if (blocks > 0) {
-    JAXMPM_LAUNCH((gather_particles<T, D, W, KINDS>), static_cast<unsigned>(blocks), kThreads, 0, transfer.stream, given);
+    const auto kernel = transfer.first.data ? gather_particles<(D > 1), T, D, W, KINDS> : gather_particles<false, T, D, W, KINDS>;
+    JAXMPM_LAUNCH(kernel, static_cast<unsigned>(blocks), kThreads, 0, transfer.stream, given);
   }
   return true;
 }
@@ -648,7 +685,8 @@ bool launch_contract(const Transfer& transfer) {
   int64_t blocks;
   if (!take(transfer, given, blocks)) return false;
   if (blocks > 0) {
-    JAXMPM_LAUNCH((contract_particles<T, D, W, ORDER>), static_cast<unsigned>(blocks), kThreads, 0, transfer.stream, given);
+    const auto kernel = transfer.first.data ? contract_particles<(D > 1), T, D, W, ORDER> : contract_particles<false, T, D, W, ORDER>;
+    JAXMPM_LAUNCH(kernel, static_cast<unsigned>(blocks), kThreads, 0, transfer.stream, given);
   }
   return true;
 }

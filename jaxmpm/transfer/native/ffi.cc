@@ -51,41 +51,14 @@ void add_rows(const std::vector<ffi::AnyBuffer>& blocks, ffi::AnyBuffer::Dimensi
   }
 }
 
-// What is wrong with the rows of columns, an array with the leading axes of a position.
-std::string check_first(const Plan& plan, ffi::AnyBuffer first, ffi::AnyBuffer position) {
-  const auto of = first.dimensions(), at = position.dimensions();
-  int64_t columns = 1;
-  for (int axis = 0; axis + 1 < plan.dimension; ++axis) columns *= plan.shape[axis];
-  const bool fits = first.element_type() == ffi::S32 && of.size() == at.size() && of.size() >= 2;
-  return fits && of[of.size() - 2] == 1 && of[of.size() - 1] == columns ? "" : "there is not one row for each column";
+// Each lane's rows of columns, null where all nodes are stored.
+std::vector<const int32_t*> firsts_of(const Rest& rest, ffi::AnyBuffer::Dimensions batch, std::size_t lanes) {
+  std::vector<const int32_t*> found(lanes, nullptr);
+  if (rest.first.empty()) return found;
+  const auto starts = lane_starts(rest.first[0], batch);
+  for (std::size_t i = 0; i < lanes; ++i) found[i] = static_cast<const int32_t*>(static_cast<const void*>(starts[i]));
+  return found;
 }
-
-// What a transfer takes after its positions, and its nodes where it reads them: `first`, if `stored`, and blocks of rows.
-struct Rest {
-  std::vector<ffi::AnyBuffer> first, blocks;
-
-  Rest(const std::vector<ffi::AnyBuffer>& given, int64_t stored) {
-    const std::size_t count = stored && !given.empty() ? 1 : 0;
-    first.assign(given.begin(), given.begin() + count);
-    blocks.assign(given.begin() + count, given.end());
-  }
-
-  std::string check(const Plan& plan, int64_t stored, ffi::AnyBuffer position, ffi::AnyBuffer::Dimensions batch) const {
-    if (stored && first.empty()) return "the rows of columns are missing";
-    std::string wrong = stored ? check_first(plan, first[0], position) : "";
-    if (wrong.empty()) wrong = check_lanes(first, batch);
-    return wrong.empty() ? check_lanes(blocks, batch) : wrong;
-  }
-
-  // Each lane's rows of columns, null where all nodes are stored.
-  std::vector<const int32_t*> firsts(ffi::AnyBuffer::Dimensions batch, std::size_t lanes) const {
-    std::vector<const int32_t*> found(lanes, nullptr);
-    if (first.empty()) return found;
-    const auto starts = lane_starts(first[0], batch);
-    for (std::size_t i = 0; i < lanes; ++i) found[i] = static_cast<const int32_t*>(static_cast<const void*>(starts[i]));
-    return found;
-  }
-};
 
 ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi::RemainingArgs others,
                            ffi::Result<ffi::AnyBuffer> nodal, Integers shape, Reals origin, double cell, int64_t function,
@@ -101,7 +74,7 @@ ffi::Error scatter_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi
   if (wrong.empty() && c.plan.stride != c.plan.width) wrong = "the nodal array is not padded to the kernels' width";
   if (!wrong.empty()) return invalid(wrong);
   const auto positions = lane_starts(position, batch), nodals = lane_starts(*nodal, batch);
-  const auto firsts = rest.firsts(batch, positions.size());
+  const auto firsts = firsts_of(rest, batch, positions.size());
   std::vector<ScatterLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], firsts[i], {}, nodals[i]};
   add_rows(rest.blocks, batch, lanes);
@@ -122,7 +95,7 @@ ffi::Error gather_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ffi:
   if (wrong.empty() && !rest.blocks.empty()) wrong = "a gather takes no rows";
   if (!wrong.empty()) return invalid(wrong);
   const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch), out = lane_starts(*rows, batch);
-  const auto firsts = rest.firsts(batch, positions.size());
+  const auto firsts = firsts_of(rest, batch, positions.size());
   std::vector<GatherLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) lanes[i] = {positions[i], firsts[i], nodals[i], out[i]};
   return answer(gather(*best_instructions(), pool_of(threads), c.scalar, c.plan, lanes));
@@ -149,7 +122,7 @@ ffi::Error contract_handler(ffi::ThreadPool threads, ffi::AnyBuffer position, ff
   ++c.plan.order;
   const auto positions = lane_starts(position, batch), nodals = lane_starts(nodal, batch);
   const auto slopes = lane_starts(*slope, batch), rows = lane_starts(*gathered, batch);
-  const auto firsts = rest.firsts(batch, positions.size());
+  const auto firsts = firsts_of(rest, batch, positions.size());
   std::vector<ContractLane> lanes(positions.size());
   for (std::size_t i = 0; i < lanes.size(); ++i) {
     lanes[i] = {positions[i], firsts[i], nodals[i], {}, slopes[i], asked ? rows[i] : nullptr};
@@ -223,8 +196,7 @@ ffi::Error cell_sums_handler(ffi::ThreadPool threads, ffi::AnyBuffer cell, ffi::
 
 auto scatter_binding() {
   return with_attributes(
-             ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<ffi::AnyBuffer>().RemainingArgs().Ret<ffi::AnyBuffer>())
-      .Attr<int64_t>("stored");
+      ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<ffi::AnyBuffer>().RemainingArgs().Ret<ffi::AnyBuffer>());
 }
 
 auto gather_binding() {
@@ -233,8 +205,7 @@ auto gather_binding() {
                              .Arg<ffi::AnyBuffer>()
                              .Arg<ffi::AnyBuffer>()
                              .RemainingArgs()
-                             .Ret<ffi::AnyBuffer>())
-      .Attr<int64_t>("stored");
+                             .Ret<ffi::AnyBuffer>());
 }
 
 auto contract_binding() {
@@ -244,8 +215,7 @@ auto contract_binding() {
                              .Arg<ffi::AnyBuffer>()
                              .RemainingArgs()
                              .Ret<ffi::AnyBuffer>()
-                             .Ret<ffi::AnyBuffer>())
-      .Attr<int64_t>("stored");
+                             .Ret<ffi::AnyBuffer>());
 }
 
 auto near_binding() {

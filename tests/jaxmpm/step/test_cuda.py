@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -16,8 +17,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jax.interpreters import mlir
 
+from jaxmpm import transfer
 from jaxmpm.grid import Grid
-from jaxmpm.transfer import GIMP, _cells, _primitives, native
+from jaxmpm.transfer import GIMP, _cells, _primitives, native, of_stored
+from jaxmpm.transfer._near import columns_of, near_nodes
 from jaxmpm.transfer.native import cuda
 from jaxmpm.types import Engine
 from tests import ROOT
@@ -200,6 +203,58 @@ def test_nested_batches_share_what_they_share():
     assert_close_to_xla(mapped, position, carried, tolerance=2e-6)
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_nodes_near_soil_have_the_sums_of_a_grid_that_stores_all(d):
+    """Bit for bit, in lanes whose nodes differ, and back; derivatives by the position as XLA's."""
+    rng, kernel = np.random.default_rng(d), GIMP((0.25,) * d)
+    grid = Grid(shape=(14, 9, 40)[-d:], cell=1.0, origin=(0.0,) * d)
+    # Two clouds of their own in each lane: most nodes of a column lie between them or beyond.
+    middle = rng.uniform(4, np.array(grid.shape)[:, None] - 5, (3, d, 2))
+    position = jnp.asarray(middle[:, :, np.arange(200) % 2] + rng.uniform(-1.5, 1.5, (3, d, 200)), jnp.float32)
+    carried, stress = (jnp.asarray(rng.normal(size=(3, k, 200)), jnp.float32) for k in (1 + d, d * (d + 1) // 2))
+    needed = max(int(columns_of(grid, lane)[1].sum()) for lane in position)
+    assert needed < grid.nodes / 2
+    near = replace(grid, stored=needed + 5)
+
+    def both(position, carried, stress, grid, engine=None):
+        stored = replace(grid, near=near_nodes(grid, position)) if grid.stored else grid
+        nodal = transfer.p2g(stored, kernel, position, carried, stress, engine=engine)
+        read = transfer.g2p(stored, kernel, position, nodal, values=2 + d, gradients=d, engine=engine)
+        return nodal, read, stored
+
+    nodal, read, stored = jax.jit(jax.vmap(partial(both, grid=near)))(position, carried, stress)
+    of_all, read_of_all, _ = jax.jit(jax.vmap(partial(both, grid=grid)))(position, carried, stress)
+    for lane in range(3):
+        alone = jax.jit(partial(both, grid=near))(*(a[lane] for a in (position, carried, stress)))
+        of_lane = jax.tree.map(lambda a, lane=lane: a[lane], stored)
+        kept = np.asarray(of_lane.near.node) >= 0
+        np.testing.assert_array_equal(nodal[lane], alone[0])
+        np.testing.assert_array_equal(nodal[lane][kept], of_stored(of_lane, of_all[lane])[kept])
+        assert not np.asarray(nodal[lane])[~kept].any()
+        assert np.abs(nodal[lane]).sum() == pytest.approx(np.abs(of_all[lane]).sum(), rel=1e-5)
+    for a, b in zip(jax.tree.leaves(read), jax.tree.leaves(read_of_all), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+    def loss(engine, position):
+        nodal, (values, gradients), _ = both(position, carried[0], stress[0], near, engine)
+        return jnp.sum(nodal**2) + jnp.sum(values**2) + jnp.sum(gradients**2)
+
+    assert_close_to_xla(lambda engine, x: jax.grad(partial(loss, engine))(x), position[0], tolerance=1e-5)
+
+
+def test_more_nodes_than_are_stored_write_nowhere_else():
+    """Rows mean nothing then, but lie within their array."""
+    grid, (position, carried, stress) = lanes_of_particles(1, 300)
+    few = replace(grid, stored=40)
+    few = replace(few, near=near_nodes(few, position[0]))
+    assert few.near.needed > 40
+    kernel = GIMP((0.25,) * 3)
+    nodal = transfer.p2g(few, kernel, position[0], carried[0], stress[0])
+    assert nodal.shape == (40, 7)
+    assert np.isfinite(nodal).all()
+    assert np.isfinite(transfer.g2p(few, kernel, position[0], nodal, values=7, gradients=3)[1]).all()
+
+
 @pytest.mark.parametrize("name", KERNELS)
 def test_particles_beyond_the_grid_vanish(x64, name):
     grid, position, carried, stress = data(3, 9)
@@ -248,6 +303,10 @@ REFUSED = [
     ({"copies": (2, 756)}, "too few copies"),
     ({"rows": (1, 3, 4)}, "number of particles"),
     ({"padded": 8}, "not padded"),
+    ({"stored": 63, "first": (1, 1, 8)}, "one row for each column"),
+    ({"stored": 63, "first": (1, 1, 9)}, None),
+    ({"stored": 2}, "fewer than 3"),
+    ({"stored": 62}, "as many nodes as the grid"),
 ]
 
 
@@ -260,6 +319,7 @@ def test_kernels_refuse_what_they_cannot_do(changed, message):
         "offsets": (1, 1, 64),
         "copies": (3, 756),
         "function": 1,
+        "stored": 0,
         "half": (0.25, 0.25),
         "terms": (0, 0, 0, 1),
     }
@@ -267,11 +327,11 @@ def test_kernels_refuse_what_they_cannot_do(changed, message):
     nodal = jax.ShapeDtypeStruct((3, 63, given["padded"]), jnp.float32)
     attributes = {name: np.array(given[name], np.int64) for name in ("shape", "terms")}
     attributes |= {name: np.array(given[name], np.float64) for name in ("origin", "half")}
-    attributes |= {"cell": np.float64(given["cell"]), "function": np.int64(given["function"])}
+    attributes |= {"cell": np.float64(given["cell"])} | {name: np.int64(given[name]) for name in ("function", "stored")}
     copies = jax.ShapeDtypeStruct(given["copies"], jnp.float32)
     call = jax.ffi.ffi_call("jaxmpm_cuda_scatter", [nodal, copies])
     arrays = [jnp.ones(given["position"], jnp.float32)]
-    arrays += [jnp.zeros(given[name], jnp.int32) for name in ("list", "offsets")]
+    arrays += [jnp.zeros(given[name], jnp.int32) for name in ("list", "offsets", "first") if name in given]
     arrays.append(jnp.ones(given["rows"], jnp.float32))
     if message is None:
         assert call(*arrays, **attributes)[0].shape == nodal.shape
