@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +37,8 @@ from jaxmpm.run import SlidesEnd, column_shape
 from jaxmpm.soil import STANDARD_GRAVITY
 from jaxmpm.support import check
 from jaxmpm.support.values import by_value
+
+T = TypeVar("T")
 
 
 @by_value
@@ -292,6 +295,26 @@ class GridModel:
         factor *= calibration.factor if calibration is not None and self.grid == "rough" else 1.0
         return model if factor == self.strength_factor else model.with_strength_factor(factor)
 
+    def of(self, particles: np.ndarray) -> GridModel:
+        """The same grid with some of its particles alone, for their `parameters`: it does not run.
+
+        Args:
+            particles: (n,) their numbers, ascending.
+        """
+        scene, law, count = self.scene, self.scene.material, self.scene.particles.mass.size
+        at = partial(_at, particles=particles, count=count)
+        if isinstance(law, Zoned):
+            spans = [span for _, span in law.zones]
+            inside = [particles[(particles >= of.start) & (particles < of.stop)] - of.start for of in spans]
+            laws = tuple(_at(*of_zone) for of_zone in zip(law.laws, inside, law.counts, strict=True))
+            law = replace(law, laws=laws, counts=tuple(map(len, inside)))
+        else:
+            law = at(law)
+        return replace(
+            self, scene=replace(scene, particles=at(scene.particles), loads=at(scene.loads), material=law),
+            growth=at(dict(self.growth)), layer=at(self.layer), stress=at(self.stress),
+        )  # fmt: skip
+
     def with_strength_factor(self, factor: float) -> GridModel:
         """The same grid with all strength, random or not, times a factor."""
         zoned = isinstance(self.scene.material, Zoned)
@@ -413,3 +436,8 @@ class GridModel:
         values = np.array([getattr(soil, name, None) for soil in soils], float)
         scale = number.value / (values[0] if self.layer is None else values[self.layer])
         return value / scale if inverse else value * scale
+
+
+def _at(values: T, particles: np.ndarray, count: int) -> T:
+    """Arrays of `count` particles in a tree, at some of them."""
+    return jax.tree.map(lambda leaf: leaf[..., particles] if np.shape(leaf)[-1:] == (count,) else leaf, values)

@@ -1,5 +1,6 @@
 """Strength against depth at the stations of a section, as `jaxmpm draw` shows it."""
 
+import re
 from functools import lru_cache
 
 import numpy as np
@@ -9,8 +10,14 @@ from hypothesis import strategies as st
 
 from cooperative.reporting import _profiles as profiles
 from cooperative.reporting._plots import section_panels_beside
+from tests.cooperative.scene.test_mixed_scenes import MIXED
+from tests.cooperative.scene.test_random_level import SCENE as RANDOM_LEVEL
 from tests.cooperative.scene.test_top_of_layer import CUT, LEVEL
 from tests.scenes import model_of
+
+RATIO = re.sub(r"strength = \{ mean.*\}", "strength_ratio = 0.25\nstrength_minimum = 5e3", MIXED)
+RATIO = RATIO.replace("[rough]", "[water]\nlevel = 4.0\n[rough]", 1)
+TRENDS = RANDOM_LEVEL.replace("[water.level]\nmean = 3.0\nsd = 0.8\n", "trend = 800.0\n[water]\nlevel = 3.0\n")
 
 
 @given(
@@ -59,6 +66,26 @@ def test_a_trend_counts_from_the_top_of_the_layer_before_the_cut():
         # Without its top the trend of the clay counts from the face, which at the toe lies 5 m below it.
         gap = (mine.mean["strength"] - other.mean["strength"])[clay]
         assert gap == pytest.approx(1.5e3 * max(5.0 - mine.elevation, 0.0), abs=30)
+
+
+@pytest.mark.parametrize("scene", [LEVEL, RANDOM_LEVEL, RATIO, TRENDS], ids=["layers", "water", "ratio", "one soil"])
+def test_parameters_of_some_particles_are_those_of_all(monkeypatch, scene):
+    """Whatever is random: in zones of several laws, under a random water level, by the stress at rest, with a trend."""
+    model = model_of(scene)
+    rng = np.random.default_rng(0)
+    sample = rng.normal(size=model.soil.modes)
+    for count in (1, 40):
+        chosen = np.sort(rng.choice(model.scene.particles.mass.size, count, replace=False))
+        few, every = model.of(chosen).parameters(sample), model.parameters(sample)
+        assert set(few) == set(every)
+        for name, values in every.items():
+            np.testing.assert_allclose(few[name], np.asarray(values)[chosen], rtol=2e-6)
+    monkeypatch.setitem(profiles.SAMPLES, 2, 8)
+    drawn = profiles._drawn(model, model.names, chosen[::-1])
+    ascending = profiles._drawn(model, model.names, chosen)
+    for name, values in drawn.items():
+        assert values.shape == (8, 40)
+        np.testing.assert_array_equal(values[:, ::-1], ascending[name])
 
 
 def test_the_band_holds_the_quantiles_of_the_marginal_and_certain_strength_has_none():
