@@ -240,18 +240,19 @@ def ground(models: dict[str, GridModel], values: Values, coefficients: np.ndarra
         )
     if measured is not None:
         axes[0].plot(*measured[:, :2].T, ".", color="k", ms=2, label="measured")
-        moments = [field[planes["refined"]] / scale.size for field in conditioned(fine, name, coefficients)]
+        shown = np.flatnonzero(planes["refined"])
+        moments = [field / scale.size for field in conditioned(fine, name, coefficients, shown)]
         _moments(figure, axes[rows:], sections["refined"], moments, scale, None if mapped else measured)
     shown_values = {grid: fields[name][planes[grid]] / scale.size for grid, fields in values.items()}
     norm, of = Normalize(*plots.ends(shown_values.values())), ", one sample" if fine.campaign.random else ""
     uniform = norm.vmin == norm.vmax
     of += f", {scale.word} {norm.vmin:.4g} {scale.unit}" if uniform else ""
-    shown = list(axes[1 + mapped : rows])
-    for ax, (grid, (position, half)) in zip(shown, sections.items(), strict=True):
+    panels = list(axes[1 + mapped : rows])
+    for ax, (grid, (position, half)) in zip(panels, sections.items(), strict=True):
         boxes = plots.draw_particles(ax, position, half, shown_values[grid], "cividis", norm)
         ax.set_title(f"{grid} grid, {models[grid].scene.particles.mass.size:,} particles{of}", loc="left")
     if not uniform:
-        figure.colorbar(boxes, ax=shown, label=scale.label)
+        figure.colorbar(boxes, ax=panels, label=scale.label)
     return figure
 
 

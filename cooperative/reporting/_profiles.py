@@ -110,19 +110,8 @@ def _drawn(model: GridModel, names: Sequence[str], chosen: np.ndarray) -> dict[s
         return {}
     coefficients = kl.latin_hypercube(jax.random.key(0), SAMPLES[model.campaign.dimension], model.soil.modes)
     ascending, back = np.unique(chosen, return_inverse=True)
-    few = model.of(ascending)
-
-    def of_sample(row: jax.Array) -> dict[str, jax.Array]:
-        values = few.parameters(row)
-        return {name: values[name] for name in names}
-
-    # The weight of soil under a random water level is worked out on the host.
-    if few.water_level() is None:
-        of_samples = jax.jit(jax.vmap(of_sample))(coefficients)
-    else:
-        rows = [of_sample(row) for row in np.asarray(coefficients)]
-        of_samples = jax.tree.map(lambda *values: np.stack(values), *rows)
-    return {name: np.asarray(values, float)[:, back] for name, values in of_samples.items()}
+    values = model.of(ascending).parameters_of_samples(np.asarray(coefficients), names)
+    return {name: of_samples[:, back] for name, of_samples in values.items()}
 
 
 def draw_profiles(axes: Sequence[Axes], shown: Sequence[Profile]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cooperative.runs import GridModel, soil_of
+from cooperative.runs import GridModel, rock_of
 from cooperative.scene import Campaign
 
 DRAWN = 64
@@ -23,13 +23,17 @@ def measured_of(campaign: Campaign, name: str) -> np.ndarray | None:
     return np.array(list(rows), float) if rows else None
 
 
-def conditioned(model: GridModel, name: str, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (N,) of a parameter at the particles over samples, nan in rock.
+def conditioned(
+    model: GridModel, name: str, coefficients: np.ndarray, particles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (n,) of a parameter at some particles over samples, nan in rock.
 
     Args:
         model: the grid.
         name: of the parameter.
         coefficients: (samples, modes), of which the first are used.
+        particles: (n,) numbers of the particles, ascending.
     """
-    samples = np.array([soil_of(model, xi).values[name] for xi in coefficients[:DRAWN]])
-    return samples.mean(axis=0), samples.std(axis=0, ddof=1)
+    samples = model.of(particles).parameters_of_samples(coefficients[:DRAWN], [name])[name]
+    bare = np.where(rock_of(model)[particles], np.nan, 1.0)
+    return bare * samples.mean(axis=0), bare * samples.std(axis=0, ddof=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -191,6 +191,25 @@ class GridModel:
         numbers = self._in_law(parameters, self.water_level(coefficients))
         law = {name: self._of_engineers(name, value, inverse=True) for name, value in numbers.items()}
         return law | {name: parameters[name] for name in (*IN_LAW, *CONTACT) if name in parameters}
+
+    def parameters_of_samples(self, coefficients: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Some of `parameters` for many samples, each (samples, N), in one program; for `of` a few particles.
+
+        Args:
+            coefficients: (samples, modes).
+            names: of the parameters.
+        """
+
+        def of_sample(row: jax.Array | np.ndarray) -> dict[str, jax.Array]:
+            values = self.parameters(row)
+            return {name: values[name] for name in names}
+
+        # The weight of soil under a random water level is worked out on the host.
+        if self.water_level() is None:
+            values = jax.jit(jax.vmap(of_sample))(coefficients)
+        else:
+            values = jax.tree.map(lambda *of: np.stack(of), *map(of_sample, coefficients))
+        return {name: np.asarray(value, float) for name, value in values.items()}
 
     def varied(self, coefficients: jax.Array | np.ndarray | None = None) -> dict[str, jax.Array]:
         """The same as `solve_each` takes them: angles in radians, softening that of the grid's bands.

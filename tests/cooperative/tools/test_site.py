@@ -10,7 +10,7 @@ from benchmarks.robustness.invented import TINY
 from cooperative import runs
 from cooperative.__main__ import main
 from cooperative.laboratory import read_rows
-from cooperative.reporting._soundings import conditioned, measured_of
+from cooperative.reporting._soundings import DRAWN, conditioned, measured_of
 from cooperative.scene import parse, remarks
 from cooperative.tools.site import Assumed, estimate_site, write_site
 from cooperative.tools.site._scene import _check_inside
@@ -400,7 +400,12 @@ def test_each_sample_draws_its_mean_and_honours_what_was_measured(tmp_path):
         values.append(float(np.asarray(model.strength(sample)).mean()))
     assert values[0] < values[1] < values[2]
     x, z = np.asarray(model.scene.particles.position)
-    _, deviation = conditioned(model, "strength", runs.coefficients_of(uncertain, soil))
+    coefficients = runs.coefficients_of(uncertain, soil)
+    mean, deviation = conditioned(model, "strength", coefficients, np.arange(x.size))
+    few, count = np.array([3, 40]), min(len(coefficients), DRAWN)
+    samples = np.array([model.strength(row)[few] for row in coefficients[:count]])
+    np.testing.assert_allclose(mean[few], samples.mean(axis=0), rtol=1e-5)
+    np.testing.assert_allclose(conditioned(model, "strength", coefficients, few)[1], deviation[few], rtol=1e-4)
     distance = np.hypot(x - 1.0, z - 1.0)
     assert deviation[distance.argmin()] < 0.6 * deviation[distance.argmax()]
     np.testing.assert_allclose(measured_of(uncertain, "strength"), [[1.0, 1.0, 35e3]])
