@@ -22,6 +22,11 @@ echo "built in $(($(date +%s) - START)) s"
 
 XLA_FLAGS= timeout 150 "$PYTHON" -m pytest -q -n 0 -p no:cacheprovider tests/jaxmpm/step/test_cuda.py >"$OUT/tests.log" 2>&1
 tail -15 "$OUT/tests.log"
+if command -v compute-sanitizer >/dev/null; then
+  XLA_FLAGS= XLA_PYTHON_CLIENT_PREALLOCATE=false timeout 45 compute-sanitizer "$PYTHON" -m pytest -q -n 0 -p no:cacheprovider \
+    tests/jaxmpm/step/test_cuda.py -k "near_soil or cell_sums" >"$OUT/sanitizer.log" 2>&1
+  grep "ERROR SUMMARY" "$OUT/sanitizer.log" || echo "compute-sanitizer did not end"
+fi
 
 rm -f "$OUT/rows.jsonl"
 timeout 240 "$PYTHON" -m benchmarks.speed.on_gpu --out "$OUT/rows.jsonl" "$@" >"$OUT/timing.log" 2>&1 || tail -20 "$OUT/timing.log"
