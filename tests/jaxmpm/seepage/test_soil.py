@@ -1,7 +1,6 @@
 """Retention and conductivity against their printed formulae; suction stress and weight."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -35,33 +34,50 @@ def test_loam_has_its_published_numbers():
     assert float(seepage.soil_class("sand", conductivity=1e-3).conductivity) == 1e-3
 
 
+@jax.jit
+def newton_step(soil, head, change):
+    """The soil's shape, its saturation, where a change of Newton's variable ends, and the saturation there."""
+    shape, saturation = soil.shape(), soil.saturation(head)
+    moved = soil.moved(head, saturation, change / shape.steepest, shape)
+    return shape, saturation, moved, soil.saturation(moved)
+
+
 @given(st.sampled_from([*CARSEL_PARRISH, "gardner"]), st.floats(-3, 2.9), st.floats(-1.5, 1.5))
 def test_newtons_variable_is_saturation_where_dry_and_head_where_wet(name, power, change):
     with jax.enable_x64(True):
         soil = gardner() if name == "gardner" else seepage.soil_class(name)
-        shape, head = soil.shape(), jnp.asarray(-(10.0**power))
-        saturation = soil.saturation(head)
-        moved = soil.moved(head, saturation, change / shape.steepest, shape)
+        head = -(10.0**power)
+        shape, saturation, moved, after = jax.tree.map(float, newton_step(soil, head, change))
         wet = head >= shape.switch
         wanted = change + (shape.saturation + shape.steepest * (head - shape.switch) if wet else saturation)
         if wanted <= shape.saturation:
-            least = 0.2 * min(float(saturation), float(shape.saturation))
-            assert float(soil.saturation(moved)) == pytest.approx(max(float(wanted), least), rel=1e-6)
+            least = 0.2 * min(saturation, shape.saturation)
+            assert after == pytest.approx(max(wanted, least), rel=1e-6)
         else:
-            assert float(moved - shape.switch) == pytest.approx(
-                float((wanted - shape.saturation) / shape.steepest), abs=1e-9 + 1e-9 / float(soil.alpha)
+            assert moved - shape.switch == pytest.approx(
+                (wanted - shape.saturation) / shape.steepest, abs=1e-9 + 1e-9 / float(soil.alpha)
             )
+
+
+@jax.jit
+def curves(soil, heads):
+    return soil.curves(heads, soil.shape())
+
+
+@jax.jit
+def slopes_of(soil, heads):
+    return jax.vmap(jax.grad(soil.saturation))(heads)
 
 
 @given(st.sampled_from([*CARSEL_PARRISH, "gardner"]), st.floats(-2, 3))
 def test_saturation_and_conductivity_fall_with_suction_and_keep_a_slope(name, power):
     with jax.enable_x64(True):
         soil = gardner() if name == "gardner" else seepage.soil_class(name)
-        heads = jnp.asarray([-(10.0**power) * 1.01 - 0.03, -(10.0**power) - 0.03])
-        saturation, relative = soil.curves(heads, soil.shape())
+        heads = np.array([-(10.0**power) * 1.01 - 0.03, -(10.0**power) - 0.03])
+        (saturation, relative), slopes = map(np.asarray, curves(soil, heads)), slopes_of(soil, heads)
         assert 0 < saturation[0] < saturation[1] <= 1
         assert 0 < relative[0] < relative[1] <= 1
-        assert np.all(np.asarray(jax.vmap(jax.grad(soil.saturation))(heads)) > 0)
+        assert np.all(np.asarray(slopes) > 0)
 
 
 def test_suction_holds_grains_together_and_pressure_parts_them():
