@@ -163,6 +163,7 @@ def test_lengths_far_below_the_lattice_are_warned_of(expansion):
         (kl.Lognormal(-1.0, 0.1), r"mean = -1.0 must be above 0"),
         (kl.Beta(40.0, 0.3, 0.0, 30.0), r"mean = 40.0 must lie between the beta's bounds 0.0 and 30.0: widen"),
         (kl.Beta(10.0, 1.5, 0.0, 30.0), r"cov = 1.5 must be above 0 and below 1.414.*widen the bounds"),
+        (kl.Beta(10.0, 1.5, 5.0, 30.0), r"cov = 1.5 must be above 0 and below 1.0, the most that bounds 5.0 and 30.0"),
         (kl.TruncatedNormal(10.0, 0.3, lower=12.0), r"mean = 10.0 must lie between the bounds 12.0"),
         (kl.TruncatedNormal(10.0, 1.2), r"cannot be had within the bounds 0.0 and None: lower the cov"),
         (kl.Gamma(10.0, 0.3, lower=11.0), r"mean = 10.0 must be above the lower bound 11.0"),

@@ -148,6 +148,15 @@ def test_lognormal_of_no_variation_is_the_mean_and_has_derivatives():
     assert jnp.isfinite(jax.grad(lambda cov: kl.Lognormal(5.0, cov).transform(jnp.array(2.0)))(0.0))
 
 
+def test_marginals_are_equal_where_all_their_numbers_are():
+    assert kl.Beta(10.0, 0.3, 0.0, 30.0) == kl.Beta(10.0, 0.3, 0.0, 30.0)
+    for other in ((11.0, 0.3, 0.0, 30.0), (10.0, 0.4, 0.0, 30.0), (10.0, 0.3, 1.0, 30.0), (10.0, 0.3, 0.0, 31.0)):
+        assert kl.Beta(10.0, 0.3, 0.0, 30.0) != kl.Beta(*other)
+    assert kl.Empirical(jnp.arange(3.0)) == kl.Empirical(jnp.arange(3.0)) != kl.Empirical(jnp.arange(1.0, 4.0))
+    bent = ((0.0, 1.0), (1.0, 3.0))
+    assert kl.Empirical(bent) == kl.Empirical(bent) != kl.Empirical((bent[0], (1.0, 4.0)))
+
+
 def test_empirical_marginal_reproduces_its_data():
     data = jnp.asarray(np.random.default_rng(0).lognormal(size=200), jnp.float32)
     marginal = kl.Empirical(data)

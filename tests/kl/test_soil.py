@@ -92,3 +92,13 @@ def test_figures_show_what_they_are_given(expansion, tmp_path):
     for number, figure in enumerate((slices, bands, spectrum)):
         figure.savefig(tmp_path / f"{number}.png")
         assert (tmp_path / f"{number}.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("lags", "estimates", "targets", "names"), [(2, 1, 1, 3), (1, 2, 1, 3), (1, 1, 0, 3), (2, 2, 2, 1)]
+)
+def test_a_figure_of_correlations_has_one_of_each_an_axis(lags, estimates, targets, names):
+    with pytest.raises(ValueError, match="lags, estimates and targets: one an axis"):
+        plots.correlation(
+            *(([0.0, 1.0],) * count for count in (lags, estimates, targets)), samples=9, names=("x", "y", "z")[:names]
+        )

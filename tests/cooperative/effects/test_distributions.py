@@ -64,6 +64,14 @@ def test_the_choice_does_not_depend_on_the_unit(factor):
     assert here.fits[0].aic - here.fits[1].aic == pytest.approx(there.fits[0].aic - there.fits[1].aic, abs=1e-3)
 
 
+@pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
+def test_families_that_are_nearly_as_good_as_the_best_are_named(factor):
+    first, *others = (result := fit_distributions(TRUTHS["gamma"].rvs(60, random_state=0) * factor)).fits
+    close = [fit.name for fit in others if fit.aic < first.aic + 2]
+    assert 0 < len(close) < len(others)
+    assert f"{first.name} is not clearly better than {', '.join(close)}" in " ".join(result.notes)
+
+
 def test_too_few_and_not_positive_are_noted():
     few = fit_distributions(np.arange(1.0, 11.0))
     assert few.best_aic is not None

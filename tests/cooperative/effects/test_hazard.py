@@ -114,6 +114,9 @@ def test_curves_start_at_the_probability_of_failure_fall_and_know_no_scale(weigh
     assert (value <= high + 1e-12).all()
     again = exceedance(PLAIN, weight * scale, values)
     assert again.high == pytest.approx(curve.high)
+    for unit in (1.0, 1e-3):
+        thresholds = exceedance(PLAIN, weight, unit * values).thresholds
+        assert thresholds == pytest.approx(unit * np.linspace(0.0, values.max(), len(thresholds)))
 
 
 @given(weights, st.integers(0, 2**32))

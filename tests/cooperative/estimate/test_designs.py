@@ -77,6 +77,15 @@ def test_runs_at_once_and_their_order_change_nothing(estimator):
     assert estimator.estimate(population, alone) == estimator.path(population, alone)[-1]
 
 
+@pytest.mark.parametrize("runs", [7, 60, 601, 1500])
+@pytest.mark.parametrize(("estimator", "step"), [(MonteCarlo(), 10), (Published(2000), 1)])
+def test_a_path_has_the_closest_even_steps_that_leave_sixty_points(estimator, step, runs):
+    population, failed = Population(np.arange(2000.0, 0.0, -1.0)), dict.fromkeys(range(runs), False)
+    stops = [each.refined_runs for each in estimator.path(population, failed)]
+    closest = next(each for each in range(step, 2001, step) if each * 60 >= runs)
+    assert stops == [*range(closest, runs, closest), runs]
+
+
 @pytest.mark.parametrize("kind", WITH_TARGETS)
 def test_a_target_alone_stops_the_campaign_when_met(kind):
     estimator = kind(target_cov=0.15)

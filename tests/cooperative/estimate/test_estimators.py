@@ -67,6 +67,16 @@ def test_limits_of_a_lognormal_estimate_miss_its_mean_equally_often_on_both_side
     assert (lowest, highest) == pytest.approx((estimate.mean(), 3.0))
 
 
+@given(st.floats(1e-6, 0.9), st.floats(0.01, 1.0), st.sampled_from([2.0, 7.0, np.inf]))
+def test_a_product_of_factors_has_lognormal_limits(probability, cov, freedom):
+    product = with_variance("subset", probability, (cov * probability) ** 2, 60, freedom=freedom, skewed=True)
+    low, high = lognormal_limits(probability, cov, freedom, 0.95)
+    assert product.interval == pytest.approx((low, min(high, 1.0)))
+    # What is certain is no product.
+    certain = {skewed: with_variance("subset", 1.0, cov**2, 60, freedom=freedom, skewed=skewed) for skewed in (0, 1)}
+    assert certain[0].interval == certain[1].interval
+
+
 def test_few_failures_seen_leave_as_much_open_as_so_many_counted():
     # A steady estimate from two failures: its scatter claims 250 of them.
     steady = with_variance("two-phase", 0.2, 0.2 * 0.8 / 1250, 60, failed=2, stand=58)

@@ -57,6 +57,21 @@ def test_a_control_that_learns_leaves_the_sum_unbiased():
     assert np.mean(totals) == pytest.approx(0.2, abs=3 * np.std(totals) / np.sqrt(len(totals)))
 
 
+@pytest.mark.parametrize("every", [2, 5])
+@pytest.mark.parametrize("target", [0.1, 0.2, 0.3])
+def test_a_target_takes_as_many_runs_as_independent_samples_would(every, target):
+    outcome = (np.arange(SAMPLES) % every == 0).astype(float)
+    ran = in_order(outcome, SAMPLES, target=target, budget=SAMPLES)
+    # Before the first look no scatter is known: its 10 runs have the least shares, those of the whole budget.
+    assert ran.draw_weight.size - 10 == pytest.approx((every - 1) / target**2, rel=0.15)
+
+
+def test_a_target_below_the_scatter_of_all_samples_takes_the_budget():
+    outcome = (np.arange(SAMPLES) % 5 == 0).astype(float)
+    ran = in_order(outcome, SAMPLES, target=0.05, budget=300, control=lambda known: np.full(SAMPLES, 0.2))
+    np.testing.assert_allclose(ran.draw_weight, 1 / 300)
+
+
 @given(st.lists(st.sampled_from([0.0, 1.0, np.nan]), min_size=1, max_size=60), st.floats(0.05, 0.9))
 def test_what_runs_next_depends_on_complete_looks_alone(outcome, target):
     outcome = np.array(outcome)

@@ -16,13 +16,15 @@ def test_bisection_finds_the_first_failure_whatever_is_guessed(count, data):
     bracket = Bracket.of(count)
     asked = []
     while (at := bracket.next(guess)) is not None:
-        assert at not in asked
+        assert at in set(range(count)) - set(asked)
         asked.append(at)
         bracket = bracket.told(at, at >= truth)
     assert bracket.fails == truth
     assert len(asked) <= 3 + np.ceil(np.log2(count + 1))
     if guess == truth:
         assert len(asked) <= 2
+    if len(asked) > 1:
+        assert abs(asked[1] - asked[0]) == 1
 
 
 def test_a_run_that_broke_off_ends_the_search():

@@ -55,6 +55,12 @@ def test_a_share_of_even_slides_has_one_degree_of_freedom_less_than_slides(does)
     assert distance == pytest.approx(stats.t.ppf(0.975, 9))
 
 
+@pytest.mark.parametrize("slides", [200, 2000])
+def test_what_every_slide_did_scatters_as_jeffreys_prior_says(slides):
+    _, low, _ = _share_limits(np.full(slides, 1 / slides), np.ones((slides, 1)), 0.95)
+    assert 1 - low[0] == pytest.approx(stats.norm.ppf(0.975) * stats.beta(slides + 0.5, 0.5).std(), rel=2 / slides)
+
+
 @given(st.floats(0.02, 0.98), st.booleans())
 def test_two_slides_however_unequal_have_one_degree_of_freedom(heavy, which):
     share = np.array([heavy, 1 - heavy])

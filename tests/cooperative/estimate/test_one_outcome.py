@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import hypergeom
+from scipy.stats import hypergeom, sem
 
 from cooperative.estimate import AuditPlan, Population, TwoPhase, Zone, draw_samples, exact_limit, two_phase
 from cooperative.estimate._audit import UNPROVEN, Wave, draw_wave
+from cooperative.estimate._estimates import lognormal_limits
 from cooperative.estimate._one_outcome import even_chance, even_limit, missed, ranked_limit
 from cooperative.estimate._twophase import path
 
@@ -61,6 +62,13 @@ def test_no_set_of_failures_is_missed_more_often_than_the_limit_allows(draws, ev
             assert size > 1 or failing != (count - 1,) or misses >= 0.8 * allowed[1]
 
 
+@given(st.integers(1, 30), st.integers(0, 4), st.data())
+def test_even_draws_meet_failures_as_those_without_replacement_do(samples, unanswered, data):
+    draws, failures = data.draw(st.integers(0, samples)), np.arange(samples + 1)
+    at_most = hypergeom.cdf(unanswered, samples, failures, draws)
+    np.testing.assert_allclose(missed(1 / (samples - np.arange(draws)), failures, unanswered), at_most, atol=1e-12)
+
+
 @pytest.mark.parametrize(("samples", "runs"), COUNTS)
 def test_runs_that_all_end_alike_leave_at_most_half_more_open_than_as_many_even_draws(samples, runs):
     none, every = (two_phase(*campaign(samples, runs, outcome)) for outcome in (False, True))
@@ -105,6 +113,20 @@ def test_the_limit_of_trusted_ranks_is_the_fewest_first_ones_that_the_draws_woul
             limit = min(min(fewest / count, 1.0) + exact_limit(count, level), limit)
             told = ranked_limit(waves[: draws // 2], finished, np.full(count, 1 / count), None, level=level)
             assert told == pytest.approx(limit)
+
+
+@pytest.mark.parametrize("draws", [2, 6, 10])
+def test_the_weight_of_trusted_ranks_is_as_uncertain_as_its_replicates_show(draws):
+    generator = np.random.default_rng(draws)
+    weight, replicate = generator.dirichlet(np.full(40, 5.0)), generator.permutation(np.arange(40) % 4)
+    model, finished = np.linspace(0.4, 0.001, 40), np.arange(40) < draws
+    wave = draw_wave(np.random.default_rng(0), model, weight=weight, finished=np.zeros(40, bool), size=draws, floor=0.2)
+    known = ranked_limit([wave], finished, weight, None, level=0.9) - exact_limit(40, 0.9)
+    first = int(np.argmin(np.abs(np.cumsum(weight) - known))) + 1
+    totals = np.bincount(replicate[:first], weight[:first], 4)
+    limit = lognormal_limits(known, sem(totals) / totals.mean(), 3, 0.8)[1]
+    assert ranked_limit([wave], finished, weight, replicate, level=0.9) == pytest.approx(limit)
+    assert limit < 1
 
 
 @pytest.mark.parametrize("where", ["bottom", "anywhere"])

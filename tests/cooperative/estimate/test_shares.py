@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import pearsonr, spearmanr
+from scipy.stats import norm, pearsonr, spearmanr
 
 from cooperative.estimate import (
     AuditPlan,
@@ -45,7 +45,10 @@ def test_correlation_agrees_with_scipy_for_equal_weights():
     assert result.pearson_log == pytest.approx(pearsonr(np.log(rough), np.log(refined)).statistic)
     assert result.phi == pytest.approx(np.corrcoef(rough > 1, refined > 1)[0, 1])
     assert result.same_class == pytest.approx(np.mean((rough > 1) == (refined > 1)))
-    assert result.interval[0] < result.spearman < result.interval[1]
+    # Bonett and Wright: Fisher's z of a rank correlation has a variance of (1 + r^2 / 2) / (n - 3).
+    middle = np.arctanh(result.spearman)
+    half = norm.ppf(0.975) * np.sqrt((1 + result.spearman**2 / 2) / 57)
+    assert np.arctanh(result.interval) == pytest.approx((middle - half, middle + half))
 
 
 def test_a_weight_counts_as_so_many_samples():
