@@ -181,7 +181,14 @@ def test_nataf_of_the_lognormal_in_closed_form(x64):
         target = jnp.linspace(-0.3, 1.0, 14)
         exact = jnp.log1p(target * (np.exp(variance) - 1)) / variance
         np.testing.assert_allclose(kl.marginal.nataf_correlation(marginal, marginal, target), exact, atol=2e-6)
-        assert kl.marginal.nataf_error(marginal).uncorrected == pytest.approx(error, abs=6e-4)
+        found = kl.marginal.nataf_error(marginal, axes=2)
+        assert found.uncorrected == pytest.approx(error, abs=6e-4)
+        # Along an axis the correction is exact; across two the product of corrected correlations is another.
+        assert kl.marginal.nataf_error(marginal, axes=1).corrected == pytest.approx(0, abs=1e-5)
+        both = np.linspace(0, 1, 201)
+        gaussian = np.log1p(both * (np.exp(variance) - 1)) / variance
+        product = np.expm1(variance * np.outer(gaussian, gaussian)) / np.expm1(variance)
+        assert found.corrected == pytest.approx(np.abs(product - np.outer(both, both)).max(), rel=0.03, abs=1e-5)
 
 
 def test_nataf_between_two_families_by_simulation():

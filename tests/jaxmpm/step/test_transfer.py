@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 import os
 import shutil
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from scipy.integrate import quad
 from jaxmpm.grid import Grid
 from jaxmpm.transfer import GIMP, Linear, QuadraticBSpline, native
 from jaxmpm.transfer import _transfers as transfer
+from jaxmpm.transfer._shape import WIDTH, inside
 from jaxmpm.transfer._stencil import Term
 from jaxmpm.transfer.native import cuda
 from jaxmpm.types import Engine
@@ -416,3 +419,12 @@ def test_channels_that_meet_weights_alone_are_worked_on_apart():
     assert cuda._groups([Term(c, c) for c in range(13)], 13) == [list(range(8)), list(range(8, 13))]
     assert cuda._groups([Term(0, c, (0, 0)) for c in range(6)], 6) == [[0, 1, 2, 3], [4, 5]]
     assert cuda._groups([Term(0, 0), Term(0, 1, (0,))], 3) == [[0, 1, 2]]
+
+
+@given(st.floats(-2, 9))
+def test_a_particle_is_inside_where_its_whole_stencil_is(at):
+    grid = Grid((7, 20), 1.0, (0.0, 0.0))
+    lowest = math.floor(at - 0.5)
+    whole = lowest >= 0 and lowest + WIDTH <= 7
+    assert inside(grid, np.array([[at], [9.3]])).tolist() == [whole]
+    assert inside(replace(grid, shape=(20, 7)), np.array([[9.3], [at]])).tolist() == [whole]
