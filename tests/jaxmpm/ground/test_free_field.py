@@ -9,7 +9,7 @@ import pytest
 
 import jaxmpm as mpm
 from benchmarks.accuracy import earthquakes_ends
-from jaxmpm.equations import beyond_ends
+from jaxmpm.equations import beyond_ends, free_field
 from tests.differences import check_run
 
 HALVES = mpm.Discretisation(1.0, (0.5, 0.5))
@@ -68,6 +68,17 @@ def test_level_ground_at_rest_stays_at_rest():
     end = mpm.run.advance_lanes(scene, jax.tree.map(jnp.copy, state), jnp.asarray(60), None)
     fallen = 9.81 / 2 * (60 * float(scene.numerics.time_step)) ** 2
     assert float(jnp.abs(end.displacement).max()) < 1e-6 * fallen
+
+
+@pytest.mark.usefixtures("x64")
+def test_the_ends_have_the_impedance_of_their_soil_to_both_waves():
+    """Lysmer and Kuhlemeyer's rho c per area, over the height of the ground."""
+    scene, state = layer(gravity=0.0, numerics=mpm.Discretisation(0.5, (0.25, 0.25)))
+    impedance = jax.jit(free_field)(scene, state, scene.numerics.time_step).impedance
+    density, ratio = SOIL.unit_weight / 9.81, SOIL.poisson
+    shear = SOIL.young / (2 * (1 + ratio))
+    moduli = np.array([2 * shear * (1 - ratio) / (1 - 2 * ratio), shear])
+    np.testing.assert_allclose(impedance.sum(axis=1), [6 * np.sqrt(density * moduli)] * 2, rtol=1e-3)
 
 
 @pytest.mark.usefixtures("x64")

@@ -13,6 +13,7 @@ import jaxmpm as mpm
 from jaxmpm.laws import ModifiedCamClay, element_test
 from jaxmpm.laws._cam_clay import Consolidation
 from tests.differences import check_derivatives
+from tests.verification import order
 
 COMPRESSION, SWELLING, M, NU, P0 = 0.1, 0.02, 1.0, 0.3, 1e5
 LAMBDA = 1 - SWELLING / COMPRESSION
@@ -100,6 +101,22 @@ def test_swelling_and_reloading_return_to_the_same_state_on_their_own_slope():
     slope = np.diff(stiff.volumetric_strain) / np.diff(np.log(stiff.pressure))
     np.testing.assert_allclose(slope, SWELLING, rtol=2e-3)
     assert virgin.pressure[-1] < stiff.pressure[-1] * np.exp((0.05 - 0.005) / SWELLING)
+
+
+@pytest.mark.usefixtures("x64")
+def test_isotropic_swelling_is_an_exponential_and_of_second_order_in_the_step():
+    # The bulk modulus p / swelling grows with the strain by which each step changes it.
+    compaction, counts = SWELLING / 2, np.array([10, 20, 40])
+    exact, errors = P0 * np.exp(compaction / SWELLING), []
+    for steps in counts:
+        history = Consolidation(*(jnp.asarray(value) for value in (P0, P0, 0.0)))
+        stress, strain = (-P0,) * 3 + (0.0,) * 3, (-compaction / (3 * steps),) * 3 + (0.0,) * 3
+        law = clay(ocr=8.0)
+        for _ in range(steps):
+            stress, history = updated(law, *(tuple(map(jnp.asarray, each)) for each in (strain, stress)), history)
+        assert history.compaction == 0
+        errors.append(abs(float(-stress[0]) / exact - 1))
+    assert order(1 / counts, errors) > 1.9
 
 
 def drained(ocr, end):

@@ -168,6 +168,43 @@ def test_mohr_coulomb_returns_to_the_pyramid_by_flow_of_its_active_planes(trial,
     assert residual <= 1e-9 * scale / G
 
 
+SHARE = st.floats(0.02, 0.98)
+SIDES = {
+    "main": lambda t, low, u, v: (u, low(u) + v * (u - low(u)), low(u)),
+    "lesser two": lambda t, low, u, v: (u, low(u), low(u)),
+    "greater two": lambda t, low, u, v: (u, u, low(u)),
+    "tension": lambda t, low, u, v: (t, max(u, low(t) + v * (t - low(t))), low(t) + v * (t - low(t)) / 2),
+    "two tensions": lambda t, low, u, v: (t, t, low(t) + v * (t - low(t))),
+    "all tensions": lambda t, low, u, v: (t, t, t),
+    "tension and main": lambda t, low, u, v: (t, low(t) + v * (t - low(t)), low(t)),
+    "tension and lesser two": lambda t, low, u, v: (t, low(t), low(t)),
+    "two tensions and greater two": lambda t, low, u, v: (t, t, low(t)),
+}
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("side", SIDES)
+@settings(max_examples=20)
+@given(
+    below=SHARE,
+    between=SHARE,
+    flow=st.lists(SHARE, min_size=9, max_size=9),
+    dilation=st.sampled_from([0.0, 8.0, 30.0]),
+    cutoff=st.sampled_from([0.0, 6e3]),
+)
+def test_mohr_coulomb_returns_to_where_flow_of_any_side_has_led_away_from(side, below, between, flow, dilation, cutoff):
+    s = np.sin(PHI)
+    low = lambda largest: (largest * (1 + s) - 2 * C * np.cos(PHI)) / (1 - s)  # noqa: E731
+    y = np.array(SIDES[side](cutoff, low, cutoff - 1e5 * below, between))
+    normals, limits = planes(s, cutoff)
+    flows, _ = planes(np.sin(np.radians(dilation)), cutoff)
+    active = np.isclose(normals @ y, limits, rtol=0, atol=1e-6)
+    strain = 0.02 * flows[active].T @ np.array(flow)[active]
+    trial = y + (K - 2 * G / 3) * strain.sum() + 2 * G * strain
+    stress, _ = returned(law(dilation=dilation, cutoff=cutoff), tensor([*trial, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(stress[:3], y, rtol=0, atol=1e-9 * np.abs(trial).max())
+
+
 @pytest.mark.usefixtures("x64")
 @settings(max_examples=100)
 @given(trial=COMPONENTS, dilation=st.sampled_from([-8.0, 0.0, 15.0]), cutoff=st.sampled_from([None, 4e3]))

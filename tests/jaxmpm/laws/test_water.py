@@ -152,6 +152,11 @@ def test_the_push_is_the_pressures_gradient(x64):
     near = abs(jnp.interp(position[0], water.x, water.z) - position[1]) < 0.25
     by_x, by_z = jax.vmap(jax.grad(pressure, argnums=(0, 1)))(*position)
     assert np.allclose(water.push(position)[:, ~near], -jnp.stack([by_x, by_z])[:, ~near])
+    # In three dimensions the table is as far across, and pushes nothing that way.
+    solid = jnp.stack([position[0], jnp.zeros_like(position[0]), position[1]])
+    along, across, upwards = water.push(solid)
+    assert np.array_equal(jnp.stack([along, upwards]), water.push(position))
+    assert not across.any()
     # A particle cut by the table feels its share: in the middle, half.
     assert np.allclose(table((0, 5), (1, 5)).push(jnp.array([[0.5], [5.0]])), [[0.0], [WATER / 2]])
 

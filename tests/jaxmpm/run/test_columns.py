@@ -107,12 +107,12 @@ def heights(scene, shape):
     return shape.heights(*(each.ravel() for each in plan)).reshape(plan[0].shape)
 
 
-@pytest.mark.parametrize("width", [None, 3.0])
-def test_soil_counts_as_far_as_it_is_above_the_surface_that_was_there(width):
+@pytest.mark.parametrize(("width", "cell"), [(None, 2.0), (3.0, 1.0)])
+def test_soil_counts_as_far_as_it_is_above_the_surface_that_was_there(width, cell):
     """On level ground: soil that sinks or slides along counts nothing, lifted soil what sticks out."""
-    shape = mpm.Slope(crest=2.0, height=2.0, run_per_rise=1.0, toe=8.0, foundation=3.0, width=width)
-    spacing = (0.5,) * len(shape.extent)
-    scene, state = mpm.slope(shape, SOIL, mpm.Discretisation(1.0, spacing), at_rest=False)
+    shape = mpm.Slope(crest=2.0, height=2.0, run_per_rise=1.0, toe=8.0, foundation=4.0, width=width)
+    spacing = (cell / 2,) * len(shape.extent)
+    scene, state = mpm.slope(shape, SOIL, mpm.Discretisation(cell, spacing), at_rest=False)
     surface = mpm.with_columns(scene, state, surface=heights(scene, shape)).columns.surface
     position = np.asarray(scene.particles.position)
     level = position[0] > 6.0

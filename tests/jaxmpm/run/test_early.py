@@ -81,6 +81,17 @@ def test_what_rings_after_it_has_yielded_once_stands(frequency, phase):
     assert time <= 2.0
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
+def test_a_block_that_goes_on_at_a_share_of_its_speed_stays_open_though_it_strains_no_more(share):
+    speed = 0.03
+
+    def displaced(t):
+        return speed * (share * t + (1 - share) * (1 - np.exp(-t)))
+
+    verdict, _ = judged(displaced, strain=lambda t: 0.01 * (1 - np.exp(-8 * t)))
+    assert verdict == ""
+
+
 def test_a_window_lasts_half_an_oscillation_and_looks_within_it_only_add_up():
     rng = np.random.default_rng(1)
     memory = once = np.stack([START] * 3, axis=1)

@@ -213,6 +213,20 @@ def test_displacements_that_fall_with_the_factor_are_no_bracket(monkeypatch):
         mpm.factor_of_safety(scene, state, bracket=(1.0, 2.0), resolution=0.5, batch=2)
 
 
+@pytest.mark.parametrize("batch", [2, 3, 5])
+@pytest.mark.parametrize("turn", [1.03, 1.57, 2.99])
+def test_each_round_has_at_most_a_batch_and_the_bracket_closes_on_the_factor(turn, batch, monkeypatch):
+    scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION, at_rest=False)
+    module, rounds = importlib.import_module("jaxmpm.run._strength_reduction"), []
+    monkeypatch.setattr(module, "_by_displacement", lambda limit, s, t, factors, *_: [(0.0, r > turn) for r in factors])
+    found = mpm.factor_of_safety(
+        scene, state, bracket=(1.0, 3.0), resolution=0.02, batch=batch, progress=lambda r, _: rounds.append(len(r))
+    )
+    assert found.stable < turn < found.fails
+    assert found.fails - found.stable == pytest.approx(0.02)
+    assert max(rounds) <= batch
+
+
 @pytest.mark.parametrize("settle", [mpm.Settle(least_volume=3.0), None])
 def test_a_rule_by_which_lanes_stand_is_taken_as_it_is(settle, monkeypatch):
     scene, state = mpm.slope(mpm.Slope(), PAPER_SOIL, SECTION)

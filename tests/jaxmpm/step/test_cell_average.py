@@ -147,9 +147,14 @@ def test_energy_of_a_slide_closes(begin, factor):
     assert np.all(np.diff(dissipated) > 0)
 
 
-@pytest.mark.parametrize("layers", [[mpm.Layer(CLAY)], UNDER_FILL], ids=["clay", "under fill"])
-def test_forces_do_the_work_that_the_averaged_strain_stores(x64, layers):
+@pytest.mark.parametrize(
+    ("layers", "fbar"),
+    [([mpm.Layer(CLAY)], False), (UNDER_FILL, False), ([mpm.Layer(CLAY)], True)],
+    ids=["clay", "under fill", "F-bar"],
+)
+def test_forces_do_the_work_that_the_averaged_strain_stores(x64, layers, fbar):
     scene, state = clay_bank(*layers)
+    scene = replace(scene, numerics=replace(scene.numerics, fbar=fbar, cell_average=not fbar))
     rng = np.random.default_rng(5)
     position = scene.particles.position + 0.3 * jnp.asarray(rng.uniform(-1, 1, scene.particles.position.shape))
     stress, volume = jnp.asarray(rng.normal(size=state.stress.shape)), scene.particles.volume

@@ -99,14 +99,14 @@ WALLS = (Wall(0, "low", 1, "fixed"), Wall(1, "high", 4, "fixed"), Wall(2, "low",
 
 @jax.jit
 def on_both(scene, position, carried, stress):
-    """Sums at the nodes, gaps, forces and cell averages, and what goes back to the particles: near soil, and of all."""
+    """Sums at the nodes, gaps, forces, cell averages and what goes back to particles: near soil twice, and of all."""
 
-    def on(one):
-        nodal = p2g(one.grid, KERNEL, position, carried, stress)
-        values, gradient = g2p(one.grid, KERNEL, position, nodal, values=2, gradients=2)
+    def on(one, engine=None):
+        nodal = p2g(one.grid, KERNEL, position, carried, stress, engine=engine)
+        values, gradient = g2p(one.grid, KERNEL, position, nodal, values=2, gradients=2, engine=engine)
         gap = gaps(one, nodal[:, 0])
         forces = closed(one, gap, nodal[:, -3:])
-        averaged = within_cells(one.grid, position, carried[1], carried[0], carried[1] > 0)
+        averaged = within_cells(one.grid, position, carried[1], carried[0], carried[1] > 0, engine=engine)
         return [of_all(one.grid, a) for a in (nodal, gap, forces, mpm.boundary.hold(one, nodal[:, -3:]))], (
             values,
             gradient,
@@ -114,7 +114,7 @@ def on_both(scene, position, carried, stress):
         )
 
     near = near_soil(replace(scene, grid=replace(scene.grid, stored=SHAPE[0] * SHAPE[1] * SHAPE[2])), position)
-    return on(near), on(scene), near.grid.near
+    return [on(near), on(near, Engine.XLA)], on(scene), near.grid.near
 
 
 @pytest.mark.usefixtures("x64")
@@ -131,18 +131,17 @@ def test_transfers_and_nodes_agree_with_a_grid_that_stores_all(seed, spread):
     boundary = replace(scene.boundary, walls=WALLS, cut=jnp.asarray(cut.ravel()))
     scene = replace(everywhere(scene), grid=Grid(SHAPE, 1.0, (0.0,) * 3), boundary=boundary)
     carried = rng.uniform(0.5, 1.5, (2, COUNT)) * [[1.0], [1.0]] - [[0.0], [1.0]]
-    (nodal, back), (nodal_of_all, back_of_all), near = on_both(
+    stored, (nodal_of_all, back_of_all), near = on_both(
         scene, jnp.asarray(position), jnp.asarray(carried), jnp.asarray(rng.normal(size=(6, COUNT)))
     )
     # At a node that soil does not reach, gaps and forces act on nothing.
     reached = np.asarray(nodal_of_all[0][:, 0]) > 0
-    assert not np.asarray(nodal[0])[~reached].any()
-    ours, theirs = (
-        [*(np.asarray(values)[reached] for values in at_nodes), *at_particles]
-        for at_nodes, at_particles in ((nodal, back), (nodal_of_all, back_of_all))
-    )
-    for a, b in zip(ours, theirs, strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * max(1, np.abs(b).max()))
+    theirs = [*(np.asarray(values)[reached] for values in nodal_of_all), *back_of_all]
+    for nodal, back in stored:
+        assert not np.asarray(nodal[0])[~reached].any()
+        ours = [*(np.asarray(values)[reached] for values in nodal), *back]
+        for a, b in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * max(1, np.abs(b).max()))
     assert set(np.flatnonzero(reached)) <= set(np.asarray(near.node)) - {-1}
     assert near.needed == (np.asarray(near.node) >= 0).sum()
 

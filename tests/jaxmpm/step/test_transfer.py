@@ -125,6 +125,14 @@ def test_shape_functions_are_averages_of_simpler_ones(x64, r):
     assert QuadraticBSpline().shape(0, CELL, jnp.array(r))[0] == pytest.approx(mean_of_hat(0.5), abs=1e-12)
 
 
+@pytest.mark.parametrize("name", KERNELS)
+def test_the_deviation_is_that_of_a_transfer_to_nodes_and_back_along_the_widest_axis(x64, name):
+    kernel, r = kernel_of(name, 3), np.linspace(-1.5, 1.5, 3001)
+    weights = [np.asarray(kernel.shape(axis, CELL, jnp.asarray(r))[0]) for axis in range(3)]
+    variances = [2 * np.sum(w * (r * CELL) ** 2) / np.sum(w) for w in weights]
+    assert kernel.deviation(CELL) ** 2 == pytest.approx(max(variances), rel=1e-5)
+
+
 @given(
     d=st.integers(1, 3),
     name=st.sampled_from(KERNELS),
