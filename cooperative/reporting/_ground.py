@@ -325,7 +325,7 @@ def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
     x, y = (start + np.linspace(0, size, 200) for start, size in ((x0, length), (y0, width)))
     at = np.meshgrid(x, y, indexing="ij")
     heights = shape.heights(*at)
-    lines = ax.contourf(x, y, heights.T, 20, cmap="terrain")
+    shown = ax.pcolormesh(x, y, heights.T, cmap="summer", rasterized=True)
     ax.axhline(middle, color="k", lw=1, ls="--")
     for element in model.campaign.elements_at_risk:
         corners = np.array([*element.corners, element.corners[0]])
@@ -337,4 +337,4 @@ def _map(figure: Figure, ax: Axes, model: GridModel, middle: float) -> None:
     ax.set(aspect="equal", anchor="W", xlabel="x [m]", ylabel="y [m]")
     ax.set_title("height of the ground, and the section below", loc="left")
     # Below it the sections begin at the left, too.
-    figure.colorbar(lines, ax=ax, label="z [m]", panchor=False)
+    figure.colorbar(shown, ax=ax, label="z [m]", panchor=False)

@@ -253,10 +253,9 @@ def section_panels_beside(position: np.ndarray, rows: int, beside: int) -> tuple
     length, height = np.ptp(position, axis=1)
     figure = Figure(figsize=(8.0 + BESIDE, rows * (6.8 * height / length + 0.8)), layout="constrained")
     both = figure.add_gridspec(1, 2, width_ratios=(8.0, BESIDE))
-    columns = [
-        [figure.add_subplot(cell.subgridspec(count, 1)[row]) for row in range(count)]
-        for cell, count in ((both[0], rows), (both[1], beside))
-    ]
+    # The layout keeps panels of one grid apart, and knows nothing of those of another.
+    grids = both[0].subgridspec(rows, 1), both[1].subgridspec(beside, 1)
+    columns = [[figure.add_subplot(grid[row, 0]) for row in range(grid.nrows)] for grid in grids]
     for ax in (*columns[0], *columns[1]):
         ax.spines[["top", "right"]].set_visible(False)
     return figure, columns[0], columns[1]

@@ -1,9 +1,11 @@
 """Figures: every one is drawn, its axes carry units, its legend tells, its marks are the data's."""
 
+import itertools
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 
@@ -112,6 +114,21 @@ def test_particles_are_drawn_in_true_size():
     np.testing.assert_allclose(np.ptp(corners, axis=0), [1.0, 1.0])
     # Over the soil between them.
     assert len(boxes[0].get_paths()) == X.size < len(boxes[1].get_paths())
+
+
+@pytest.mark.parametrize(("rows", "beside"), [(2, 0), (4, 1), (6, 3)])
+def test_panels_of_a_section_keep_clear_of_each_other(rows, beside):
+    figure, panels, others = plots.section_panels_beside(POSITION, rows, beside)
+    assert (len(panels), len(others)) == (rows, beside)
+    for ax in (*panels, *others):
+        ax.set(xlabel="x [m]", ylabel="z [m]", xlim=(0, 24), ylim=(0, 8))
+        ax.set_title("one sample", loc="left")
+    for ax in panels:
+        ax.set_aspect("equal")
+    plots.lay_out(figure)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    boxes = [ax.get_tightbbox(renderer) for ax in figure.axes]
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
 
 
 def test_the_panels_of_a_slide_show_the_same_piece_of_ground():
