@@ -329,8 +329,9 @@ class GridModel:
             law = replace(law, laws=laws, counts=tuple(map(len, inside)))
         else:
             law = at(law)
+        loads = replace(scene.loads, pore_pressure=at(scene.loads.pore_pressure), k0=at(scene.loads.k0))
         return replace(
-            self, scene=replace(scene, particles=at(scene.particles), loads=at(scene.loads), material=law),
+            self, scene=replace(scene, particles=at(scene.particles), loads=loads, material=law),
             growth=at(dict(self.growth)), layer=at(self.layer), stress=at(self.stress),
         )  # fmt: skip
 

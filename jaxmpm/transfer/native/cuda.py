@@ -100,7 +100,7 @@ def scatter(
 ) -> Array:
     """As `jaxmpm.transfer.native.scatter`."""
     batch, (position, *rest) = _one_batch(position, *native.optional(first), *blocks)
-    near, blocks = (rest[:1], rest[1:]) if grid.stored else ([], rest)
+    near, blocks = ([], rest) if first is None else (rest[:1], rest[1:])
     if len(blocks) > MAX_BLOCKS:
         lanes = max(len(block) for block in blocks)
         blocks = [jnp.concatenate([jnp.broadcast_to(b, (lanes, *b.shape[1:])) for b in blocks], axis=1)]

@@ -1,8 +1,10 @@
 """Strength against depth at the stations of a section, as `jaxmpm draw` shows it."""
 
 import re
+from dataclasses import replace
 from functools import lru_cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -86,6 +88,18 @@ def test_parameters_of_some_particles_are_those_of_all(monkeypatch, scene):
     for name, values in drawn.items():
         assert values.shape == (8, 40)
         np.testing.assert_array_equal(values[:, ::-1], ascending[name])
+
+
+def test_what_belongs_to_no_particle_stays_whole_whatever_its_length():
+    """A water table of as many points as the grid has particles."""
+    model = model_of(RATIO)
+    count = model.scene.particles.mass.size
+    table = model.scene.loads.water
+    table = replace(table, x=jnp.linspace(0.0, 16.0, count), z=jnp.full(count, 4.0))
+    model = replace(model, scene=replace(model.scene, loads=replace(model.scene.loads, water=table)))
+    few = model.of(np.array([1, 5]))
+    assert few.scene.loads.water is table
+    assert few.scene.particles.position.shape == (2, 2)
 
 
 def test_the_band_holds_the_quantiles_of_the_marginal_and_certain_strength_has_none():

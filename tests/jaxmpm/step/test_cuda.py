@@ -224,6 +224,10 @@ def test_nodes_near_soil_have_the_sums_of_a_grid_that_stores_all(d):
 
     nodal, read, stored = jax.jit(jax.vmap(partial(both, grid=near)))(position, carried, stress)
     of_all, read_of_all, _ = jax.jit(jax.vmap(partial(both, grid=grid)))(position, carried, stress)
+    sharing = jax.vmap(partial(both, grid=near), in_axes=(None, 0, None))
+    shared = jax.jit(sharing)(position[0], carried, stress[0])
+    np.testing.assert_array_equal(shared[0][0], nodal[0])
+    np.testing.assert_array_equal(shared[1][0][0], read[0][0])
     for lane in range(3):
         alone = jax.jit(partial(both, grid=near))(*(a[lane] for a in (position, carried, stress)))
         of_lane = jax.tree.map(lambda a, lane=lane: a[lane], stored)
