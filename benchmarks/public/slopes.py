@@ -196,10 +196,10 @@ def nose(data: Path, *, whole: bool = False) -> Nose:
     return Nose(face, partial(face, moved=5.0), soils, width if whole else width / 2, tuple(given["extent_m"]["x"]))
 
 
-def by_slices(strata: Strata, lam: float, weight: float) -> float:
-    """Factor of safety by limit equilibrium, of the critical surface of any shape."""
+def critical(strata: Strata, lam: float, weight: float) -> safety.Slip:
+    """The critical surface of any shape by limit equilibrium, with its factor of safety."""
     layers = strata.layers(partial(weakened, lam=lam, weight=weight))
-    return safety.critical_surface(safety.Slices.of(strata.section, layers)).slip.factor
+    return safety.critical_surface(safety.Slices.of(strata.section, layers)).slip
 
 
 def at_limit(factor: Callable[[float], float], first: float, tries: int = 3, within: float = 0.003) -> float:
@@ -250,7 +250,9 @@ class Lanes:
         return {"moved_m": self.moved(multiplier), "seconds": round(time.process_time() - began, 1)}
 
 
-def by_limit_load(scene: mpm.Scene, state: mpm.State, kind: str, theirs: float, name: str) -> tuple[float, float]:
+def by_limit_load(
+    scene: mpm.Scene, state: mpm.State, kind: str, theirs: float, name: str, volume: float | None = None
+) -> tuple[float, float]:
     """The multiplier at which displacement begins to grow, and the CPU time of its lanes (s).
 
     Each lane has the soil of one multiplier, so that one search finds it; strength that is reduced besides it would
@@ -262,9 +264,10 @@ def by_limit_load(scene: mpm.Scene, state: mpm.State, kind: str, theirs: float, 
         kind: of KINDS.
         theirs: the source's multiplier, near which ours is sought.
         name: of the folder of the lanes.
+        volume: that has to move (m3, in a section m2), None for a share of the relief.
     """
     stiff = limit_load_scene(scene)
-    scale = Scale.of(stiff, t_end=20.0, volume=None)
+    scale = Scale.of(stiff, t_end=20.0, volume=volume)
     lanes = Lanes(stored(cases) / name, lambda share: moved_at(stiff, state, *multiplied(kind, share * theirs), scale))
     return theirs * find_kink(lanes, 1.0, 0.01, scale.moves).at, lanes.seconds
 
@@ -298,8 +301,11 @@ def multiplied(kind: str, multiplier: float) -> tuple[float, float]:
 
 
 PLANE = (("homogeneous", homogeneous, "homogeneous_2d"), ("Kozinec", kozinec, "kozinec_2d"))
-CELLS = {"homogeneous": (1.0, 0.5), "Kozinec": (1.0,)}
-"""Of Kozinec's slope the largest whose particle is no thicker than its thinnest layer."""
+CELLS = {"homogeneous": (1.0, 0.5), "Kozinec": (0.5,)}
+"""m. What slides on Kozinec's slope is 2.8 m thick."""
+COUNTED = 0.25
+"""Share of the soil above the critical surface by slices that has to move. By default a share of the relief has to,
+which is more than all that slides on Kozinec's slope."""
 
 
 def plane(data: Path, name: str, kind: str, cell: float | None, finest: bool) -> list[Row]:
@@ -314,10 +320,11 @@ def plane(data: Path, name: str, kind: str, cell: float | None, finest: bool) ->
     bound = source.get("own_upper_bound", {}).get(kind)
     theirs = source[kind]["largest"] if bound is None else bound
     if cell is None:
-        ours = at_limit(lambda multiplier: by_slices(strata, *multiplied(kind, multiplier)), theirs)
+        ours = at_limit(lambda multiplier: critical(strata, *multiplied(kind, multiplier)).factor, theirs)
     else:
         scene, state = mpm.section(strata.section, strata.layers(associated), discretisation(cell, 2))
-        ours, seconds = by_limit_load(scene, state, kind, theirs, f"{name} {kind} {cell}")
+        volume = COUNTED * critical(strata, *multiplied(kind, theirs)).area
+        ours, seconds = by_limit_load(scene, state, kind, theirs, f"{name} {kind} {cell}", volume)
         start = time.perf_counter() - seconds
     how = "slices" if cell is None else "limit load"
     return [

@@ -24,7 +24,7 @@ from cooperative.scene import (
 )
 from cooperative.tools.safety._moving import MovingWater
 from cooperative.tools.safety._search import Critical, critical_surface
-from cooperative.tools.safety._slices import SHALLOWEST, Slices, Strength
+from cooperative.tools.safety._slices import Slices, Strength
 from jaxmpm import Layer, Raster, Scene, Section, State, diagnostics
 from jaxmpm.ground import as_section
 from jaxmpm.laws import WaterTable, declared
@@ -514,8 +514,8 @@ def _causes(result: Safety, model: GridModel, *, higher: bool, cells: float) -> 
         yield "Janbu's method takes no shear between slices but by its correction"
     if slip.circle is not None and not result.frictional:
         yield "in clay limit equilibrium has circles alone, and the solver's soil fails in any shape"
-    if slip.thickness < 2 * SHALLOWEST * site.height:
+    if higher and slip.area < failing_volume(campaign):
         yield (
-            f"the critical surface is {slip.thickness:.2g} m deep, a skin of the face that the "
-            f"solver's {failing_volume(campaign):g} m2 of failing soil leaves out"
+            f"what slides in limit equilibrium has {slip.area:.2g} m2, less than the {failing_volume(campaign):.3g} m2 "
+            f"that the solver counts as a failure: give least_volume = {slip.area / 4:.1g}"
         )

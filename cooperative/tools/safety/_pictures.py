@@ -55,7 +55,8 @@ def _content(result: Safety, campaign: Campaign) -> dict[str, object]:
     if result.equilibrium is not None:
         slip, circle = result.equilibrium.slip, result.equilibrium.circle
         content["limit_equilibrium"] = {
-            "factor": slip.factor, "method": slip.method, "surface": slip.points.tolist(), "thickness": slip.thickness,
+            "factor": slip.factor, "method": slip.method, "surface": slip.points.tolist(),
+            "thickness": slip.thickness, "area": slip.area,
             "circle_factor": None if circle is None else circle.factor,
             "circle_method": None if circle is None else circle.method,
             "circle": None if circle is None or circle.circle is None else vars(circle.circle),

@@ -142,6 +142,7 @@ class Slip:
         points: of the surface (n, 2) m, x rising.
         circle: of which it is a part, None for another shape.
         thickness: largest of the mass above it (m).
+        area: of that mass (m2).
         method: that gave the factor.
         on_rigid: share of its length that follows rigid ground.
         pulled: whether more of its base with friction than IN_TENSION would have to be in tension.
@@ -152,6 +153,7 @@ class Slip:
     points: np.ndarray
     circle: Circle | None
     thickness: float
+    area: float
     method: Method = "spencer"
     on_rigid: float = 0.0
     pulled: bool = False
@@ -197,6 +199,7 @@ class _Bodies:
         chord: angle by which each surface falls from end to end (surfaces,).
         valid: whether a mass slides on each surface.
         thickness: largest of each (m).
+        area: of each (m2).
         on_rigid: share of each surface's length that follows rigid ground.
         tension: largest share of each whose base is in tension where it has friction.
     """
@@ -215,6 +218,7 @@ class _Bodies:
     chord: np.ndarray
     valid: np.ndarray
     thickness: np.ndarray
+    area: np.ndarray
     on_rigid: np.ndarray
     tension: np.ndarray
 
@@ -461,8 +465,8 @@ class Slices:
         tension = bodies.stretched(factors)
         return [
             Slip(
-                float(factor), np.stack([x, z], axis=1), None, float(bodies.thickness[k]), method,
-                float(bodies.on_rigid[k]), tension=float(tension[k]),
+                float(factor), np.stack([x, z], axis=1), None, float(bodies.thickness[k]), float(bodies.area[k]),
+                method, float(bodies.on_rigid[k]), tension=float(tension[k]),
             )
             if math.isfinite(factor) else None
             for k, (factor, x, z) in enumerate(zip(factors, surfaces.x, floored, strict=True))
@@ -521,7 +525,8 @@ class Slices:
             )
         covered = np.where(there, length, 0.0)
         total = covered.sum(axis=1)
-        thickness = np.where(there, depth, 0).max(axis=1)
+        thick = np.where(there, depth, 0)
+        thickness = thick.max(axis=1)
         gravity = np.where(there, down, 0)
         driving = np.abs((gravity * rise / np.where(length > 0, length, 1)).sum(axis=1)) / np.maximum(
             gravity.sum(axis=1), 1e-12
@@ -536,7 +541,7 @@ class Slices:
             overturning=np.where(there, falls * overturning, 0), cohesion=cohesion * covered,
             tangent=np.where(there, tangent, 0), buoyant=pore * covered,
             chord=np.arctan2(np.abs(surfaces.z[:, 0] - surfaces.z[:, -1]), surfaces.x[:, -1] - surfaces.x[:, 0]),
-            valid=valid, thickness=thickness,
+            valid=valid, thickness=thickness, area=(thick * width).sum(axis=1),
             on_rigid=(covered * on_floor).sum(axis=1) / np.maximum(total, 1e-12),
             tension=np.full(len(x), self.tension),
         )  # fmt: skip

@@ -34,7 +34,7 @@ def lines_of_equilibrium(name: str, result: Safety) -> Iterator[str]:
     (x0, _), (x1, _) = slip.points[[0, -1]]
     yield (
         f"  limit equilibrium  {slip.factor:.3f}  {METHODS[slip.method]}, {shape}, from x = {x0:.3g} to {x1:.3g} m, "
-        f"{slip.thickness:.3g} m deep; {result.seconds:.1f} s"
+        f"{slip.thickness:.3g} m deep, {slip.area:.3g} m2; {result.seconds:.1f} s"
     )
     if slip.pulled:
         yield "    part of this surface would be in tension: a crack at the crest may lower the factor further"

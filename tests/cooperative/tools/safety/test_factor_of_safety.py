@@ -14,7 +14,7 @@ import jaxmpm as mpm
 from cooperative.__main__ import main
 from cooperative.example_scenes import example
 from cooperative.runs import coefficients_of
-from cooperative.scene import parse
+from cooperative.scene import failing_volume, parse
 from cooperative.tools import safety
 from cooperative.tools.safety import _factor, _pictures
 from jaxmpm.run import FactorOfSafety
@@ -132,6 +132,16 @@ def test_a_wall_that_what_moves_reaches_is_named():
     assert "what moves reaches x = 0 m, where no surface of limit equilibrium ends" in one
     assert "what moves reaches x = 60 m" in other
     assert held(np.zeros(x.size, bool)) == []
+
+
+@pytest.mark.parametrize(("share", "higher", "named"), [(0.99, True, True), (1.01, True, False), (0.99, False, False)])
+def test_a_slip_smaller_than_a_failure_is_why_the_solver_stands_longer(share, higher, named):
+    model = model_of(CUT, "rough")
+    result = safety.factor_of_safety(model.campaign, solver=False)
+    slip = replace(result.equilibrium.slip, area=share * failing_volume(model.campaign))
+    result = replace(result, equilibrium=replace(result.equilibrium, slip=slip))
+    reasons = " ".join(_factor._causes(result, model, higher=higher, cells=20))
+    assert ("give least_volume" in reasons) == named
 
 
 def test_the_title_of_a_picture_has_room(monkeypatch, tmp_path):

@@ -63,6 +63,20 @@ def test_under_other_gravity_all_weights_are_in_proportion(conditions):
     assert factor(1.0, 2.0) < 0.95 * factor(1.0, 1.0)
 
 
+@settings(max_examples=20, deadline=None)
+@given(middle=st.floats(25.0, 31.0), chord=st.floats(6.0, 9.0), rise=st.floats(2.0, 8.0))
+def test_what_slides_on_a_circle_has_the_area_and_the_thickness_of_its_segment(middle, chord, rise):
+    """The chord lies in the straight face, and the middle of the circle so far above it."""
+    fall = math.hypot(16, 6)
+    radius = math.hypot(chord / 2, rise)
+    circle = safety.Circle(middle + rise * 6 / fall, 10 - (middle - 20) * 6 / 16 + rise * 16 / fall, radius)
+    slip = safety.Slices.of(FACE, [mpm.Layer(mpm.FrictionalSoil(10e3, 25.0))]).slip(circle)
+    assert slip is not None
+    angle = 2 * math.asin(chord / 2 / radius)
+    assert slip.area == pytest.approx(radius**2 / 2 * (angle - math.sin(angle)), rel=5e-3)
+    assert slip.thickness == pytest.approx((radius - rise) * fall / 16, rel=5e-3)
+
+
 def test_under_a_deep_pool_soil_has_its_weight_less_that_of_water():
     # The pool's pressure on the ground and the pore pressure at the base are uplift alone, on any surface.
     soil = mpm.FrictionalSoil(10e3, 25.0, unit_weight=20e3)
