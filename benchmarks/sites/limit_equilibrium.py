@@ -46,6 +46,8 @@ def factors(case: Case) -> dict[str, Any]:
         "fos": round(answer.slip.factor, 3),
         "error": round(answer.slip.factor / case.reference - 1, 4),
         "method": answer.slip.method,
+        "deep_m": round(slip.thickness, 2),
+        "area_m2": round(slip.area, 1),
         "peer": None if peer is None else round(peer, 3),
         "surfaces": answer.surfaces,
         "cpu_s": round(seconds, 2),

@@ -39,8 +39,8 @@ STRETCHED = 0.03
 """Share of a slip surface in tension from which on a crack changes the factor."""
 BESIDE = 0.02
 """How far above the factor of the limit load the slope is drawn, over that factor."""
-CELLS_HIGH = 16
-"""Cells over the height of a slope from which on its size changes a factor of safety little."""
+CELLS_DEEP = 8
+"""Cells over the depth of what slides from which on their size changes a factor of safety little."""
 UNIFORM = 1e-6
 """Share by which strength of a layer that does not vary differs by rounding."""
 NEIGHBOURS = 4
@@ -466,23 +466,23 @@ def _reasons(result: Safety, model: GridModel) -> Iterator[str]:
     if result.difference is None or abs(result.difference) <= APART:
         return
     higher = result.difference > 0
-    cells = model.campaign.site.height / model.campaign.grids[model.grid].cell
-    reasons = list(_causes(result, model, higher=higher, cells=cells))
+    reasons = list(_causes(result, model, higher=higher))
     yield from reasons or [
         "none of the usual reasons applies: halve cell and spacing, and compare the surface with fos.png"
     ]
 
 
-def _causes(result: Safety, model: GridModel, *, higher: bool, cells: float) -> Iterator[str]:
-    """Those of `_reasons` that apply. cells: over the height of the slope."""
+def _causes(result: Safety, model: GridModel, *, higher: bool) -> Iterator[str]:
+    """Those of `_reasons` that apply."""
     campaign, numerics = model.campaign, model.campaign.grids[model.grid]
     site = campaign.site
     soils = [layer.soil for layer in site.soils(campaign.soil)]
     assert result.equilibrium is not None
     slip = result.equilibrium.slip
-    if cells < CELLS_HIGH:
+    cells = slip.thickness / numerics.cell
+    if cells < CELLS_DEEP:
         resist = ", and coarse cells resist" if higher else ""
-        yield f"the slope is {cells:.3g} cells high{resist}: halve cell and spacing"
+        yield f"what slides in limit equilibrium is {cells:.2g} cells deep{resist}: halve cell and spacing"
     unlocked = model.scene.numerics.fbar or model.scene.numerics.cell_average
     if higher and not unlocked and any(getattr(soil, "strength", None) is not None for soil in soils):
         yield "clay without a cure of locking resists too much: give the grid cell_average = true"
