@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 from jaxmpm import tensors
 from jaxmpm.equations import grid_position
 from jaxmpm.support import check
-from jaxmpm.transfer import locate
+from jaxmpm.transfer import cell_sums, locate
 from jaxmpm.types import Columns, Scene, State, Status
 
 LEAST = 0.75
@@ -144,10 +144,20 @@ def passing(scene: Scene, state: State, moved: float, surface: Array | None = No
     carried = jnp.concatenate([particles.volume[None], particles.mass[None], particles.mass * state.velocity])
     if surface is not None:
         carried *= _above(scene, located, surface)[None]
-    sums = jnp.zeros((math.prod(shape), len(carried)), carried.dtype).at[column].add(jnp.where(slides, carried, 0).T)
-    volume, mass, momentum = sums[:, 0], sums[:, 1], sums[:, 2:]
-    speed = tensors.safe_sqrt(jnp.sum(momentum**2, axis=1)) / jnp.where(mass > 0, mass, 1)
+    volume, mass, *momentum = _column_sums(column, jnp.where(slides, carried, 0), math.prod(shape), scene)
+    speed = tensors.safe_sqrt(sum(part**2 for part in momentum)) / jnp.where(mass > 0, mass, 1)
     return Passing((volume / grid.cell ** len(shape)).reshape(shape), speed.reshape(shape))
+
+
+def _column_sums(column: Array, values: Array, columns: int, scene: Scene) -> Array:
+    """Sums (c, columns) of values (c, N) of particles in columns of these numbers (N,).
+
+    Each column reads the sums of its first particle: one scatter on a GPU would add in any order.
+    """
+    sums = cell_sums(column, values, cells=columns, engine=scene.numerics.engine)
+    number = jnp.arange(column.size, dtype=jnp.int32)
+    first = jnp.full(columns, column.size, jnp.int32).at[column].min(number)
+    return sums.at[:, first].get(mode="fill", fill_value=0)
 
 
 def recorded(scene: Scene, state: State) -> State:

@@ -63,6 +63,8 @@ class Places:
         centre: (nf,) m.
         upward: (nf,) 1 where rain falls.
         level: (nf,) 1 where water crosses horizontally.
+        turn: (nf,) number of faces of the same cell before it.
+        turns: faces of a cell at most; static.
     """
 
     cell: Array
@@ -72,6 +74,8 @@ class Places:
     centre: Array
     upward: Array
     level: Array
+    turn: Array
+    turns: int = static()
 
     def conductance(self, soil: Soil) -> Array:
         """Inflow into saturated soil per head (nf,) m2/s."""
@@ -312,8 +316,13 @@ def series(name: str, value: InTime, *, stepped: bool, above: float = 0.0) -> Se
 def _places(faces: Faces, what: str) -> Places:
     if not faces.cell.size:
         raise ValueError(f"{what} has no faces: give the cells soil there, or leave it out")
-    numbers = (faces.area, faces.distance, faces.z, faces.centre, faces.upward, faces.level)
-    return Places(jnp.asarray(faces.cell, jnp.int32), *(jnp.asarray(values, float) for values in numbers))
+    given = (faces.area, faces.distance, faces.z, faces.centre, faces.upward, faces.level)
+    area, distance, z, centre, upward, level = (jnp.asarray(values, float) for values in given)
+    order = np.argsort(faces.cell, kind="stable")
+    turn, ordered = np.empty_like(order), faces.cell[order]
+    turn[order] = np.arange(order.size) - np.searchsorted(ordered, ordered)
+    cell, turns = jnp.asarray(faces.cell, jnp.int32), int(turn.max()) + 1
+    return Places(cell, area, distance, z, centre, upward, level, jnp.asarray(turn, jnp.int32), turns)
 
 
 def open_face(

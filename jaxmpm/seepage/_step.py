@@ -170,10 +170,15 @@ class Flowing:
         ]
 
     def into(self, parts: list[Array]) -> Array:
-        """Sums over the faces of each cell, of the cells' shape."""
+        """Sums over the faces of each cell, of the cells' shape.
+
+        One face of a cell is added after the other: a GPU would add them in any order.
+        """
         total = jnp.zeros(self.volume.size, self.volume.dtype)
         for condition, part in zip(self.problem.conditions, parts, strict=True):
-            total = total.at[condition.places.cell].add(part)
+            places = condition.places
+            for turn in range(places.turns):
+                total = total.at[places.cell].add(jnp.where(places.turn == turn, part, 0))
         return total.reshape(self.volume.shape)
 
     def balance(self, head: Array, water: Array, start: Array, end: Array, rate: Array) -> Balance:

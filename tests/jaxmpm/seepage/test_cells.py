@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxmpm import Section, seepage
+from jaxmpm.seepage._step import Flowing
 from tests import ROOT
 
 pytestmark = pytest.mark.usefixtures("x64")
@@ -117,3 +118,20 @@ def test_failure_names_place_time_and_remedy():
 def test_bad_input_is_refused(make, words):
     with pytest.raises(ValueError, match=words):
         make()
+
+
+def test_faces_of_one_cell_are_added_one_after_the_other():
+    """In a turn no cell comes twice, so that what is added does not depend on an order; all faces have a turn."""
+    problem = seepage.problem(
+        seepage.cells_under(SECTION, (1.0, 1.5)), seepage.soil_class("loam"), seepage.open_face(rain=1e-7)
+    )
+    [condition] = problem.conditions
+    places = condition.places
+    cell, turn = np.asarray(places.cell), np.asarray(places.turn)
+    assert places.turns == 2
+    for number in range(places.turns):
+        assert np.unique(cell[turn == number]).size == np.count_nonzero(turn == number) > 0
+    part = np.random.default_rng(3).normal(size=cell.size)
+    expected = np.zeros(problem.volume.size)
+    np.add.at(expected, cell, part)
+    np.testing.assert_array_equal(Flowing(problem).into([jnp.asarray(part)]).ravel(), expected)
