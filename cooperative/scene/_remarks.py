@@ -59,6 +59,7 @@ def remarks(campaign: Campaign) -> Iterator[str]:
     yield from _of_levels(campaign)
     yield from _of_dilation(campaign)
     yield from _of_gaps(campaign)
+    yield from _of_ends(campaign)
     rows = {(name, *row): row for name, varies in fields for row in varies.boreholes or ()}
     points = np.array([row[:-1] for row in rows.values()], float).reshape(-1, campaign.dimension).T
     high = points[-1] > shape.heights(*points[:-1]) if rows else np.zeros(0, bool)
@@ -151,6 +152,20 @@ def _of_dilation(campaign: Campaign) -> Iterator[str]:
                 "shears, and in a long slide energy with it; give softening_strain, by which dilation ends, or leave "
                 "dilation out where run-out counts"
             )
+
+
+def _of_ends(campaign: Campaign) -> Iterator[str]:
+    """Runs that end before the soil has lost its strength, and deposits that no slide leaves."""
+    last = campaign.run.last("refined")
+    for soil in [layer.layer.soil for layer in campaign.site.layers] or [campaign.soil]:
+        if (loss := getattr(soil, "loss_time", None)) and loss > last:
+            share = f"{100 * last / loss:.0f} % of the strength that it loses"
+            yield f"loss_time = {loss:g} s, beyond the {last:g} s at which runs end: soil has lost {share} by then"
+    if campaign.runout_thickness >= campaign.site.height:
+        yield (
+            f"runout_thickness = {campaign.runout_thickness:g} m, no less than the slope's height of "
+            f"{campaign.site.height:.3g} m: no deposit is so thick, and run-outs are 0"
+        )
 
 
 def _of_gaps(campaign: Campaign) -> Iterator[str]:

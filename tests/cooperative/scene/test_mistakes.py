@@ -63,6 +63,19 @@ def test_a_correlation_length_of_less_than_two_cells_is_remarked():
     )
 
 
+def test_a_loss_beyond_the_end_and_a_front_thicker_than_the_slope_are_remarked():
+    losing = DEMO.replace("[run]", "[run]\nrunout_thickness = {}", 1)
+    assert list(remarks(parse(losing.format(11.9)))) == []
+    [remark] = remarks(parse(losing.format(12.0)))
+    assert remark.startswith("runout_thickness = 12 m, no less than the slope's height of 12 m: no deposit is so thick")
+    slow = re.sub(r"softening_modulus = .*", "loss_time = {}", DEMO)
+    slow = "\n".join(line for line in slow.splitlines() if "softening_" not in line and "plastic_strain" not in line)
+    end = parse(DEMO).run.last("refined")
+    assert list(remarks(parse(slow.format(end)))) == []
+    [remark] = remarks(parse(slow.format(4 * end)))
+    assert f"beyond the {end:g} s at which runs end: soil has lost 25 % of the strength that it loses by then" in remark
+
+
 def test_a_displacement_that_is_none_a_low_slope_and_layers_of_one_name_are_remarked():
     tiny = re.sub(r"failure_displacement = .*", "failure_displacement = 1e-4", DEMO)
     [remark] = remarks(parse(tiny))
