@@ -10,7 +10,7 @@ import inspect
 import sys
 from pathlib import Path
 
-from benchmarks.measure import Report, as_json
+from benchmarks.measure import Refused, Report, as_json
 from benchmarks.results import BENCHMARKS, SHORT, keep, module, run_all
 
 
@@ -24,11 +24,16 @@ def _table(report: Report) -> str:
 def main() -> int:
     """Parse the command line, run the benchmark, print it for people or as one JSON object."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("name", choices=(*BENCHMARKS, "all"))
+    parser.add_argument("name", metavar="NAME", choices=(*BENCHMARKS, "all"), help=", ".join((*BENCHMARKS, "all")))
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="smaller and coarser, to see that it runs")
     parser.add_argument("--keep", action="store_true", help="put the answer into RESULTS.md and draw its pictures")
-    parser.add_argument("--data", type=Path, metavar="FOLDER", help="data of others that a benchmark compares with")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        metavar="FOLDER",
+        help="of others' data; sources: docs/notes/verification.md",
+    )
     parser.add_argument("--binary", type=Path, metavar="PATH", help="program of others that a benchmark runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="beginnings of the names of cases to run")
     parser.add_argument("--seed", type=int, metavar="N", help="by which a benchmark draws its cases")
@@ -45,7 +50,10 @@ def main() -> int:
     options = {name: value for name, value in given.items() if value is not None}
     for name in options.keys() - inspect.signature(run).parameters.keys():
         parser.error(f"{arguments.name} takes no --{name}: leave it out")
-    report: Report = run(quick=arguments.quick, **options)
+    try:
+        report: Report = run(quick=arguments.quick, **options)
+    except Refused as why:
+        parser.error(str(why))
     answer = as_json(arguments.name, report)
     print(answer if arguments.json else _table(report))
     if arguments.keep:

@@ -84,14 +84,18 @@ def code_digest(*texts: str, folders: Iterable[str] = ("jaxmpm", "kl", "cooperat
     return digest.hexdigest()[:16]
 
 
+class Refused(ValueError):
+    """What a command line asks for and a benchmark cannot do."""
+
+
 def beginning_so(cases: Mapping[str, Case], only: Sequence[str]) -> dict[str, Case]:
     """The cases whose names begin as one of `only` does.
 
     Raises:
-        ValueError: If none begins as one of them does.
+        Refused: If none begins as one of them does.
     """
     if strange := [start for start in only if not any(name.startswith(start) for name in cases)]:
-        raise ValueError(f"--only {strange[0]}: no case begins so, give beginnings of {', '.join(cases)}")
+        raise Refused(f"--only {strange[0]}: no case begins so, give beginnings of {', '.join(cases)}")
     return {name: case for name, case in cases.items() if name.startswith(tuple(only))}
 
 

@@ -21,6 +21,7 @@ itself, started 1e-13 m to the side: no two programs agree better. Finished rows
 from __future__ import annotations
 
 import itertools
+import os
 import subprocess
 import tempfile
 from dataclasses import dataclass, replace
@@ -35,7 +36,7 @@ import numpy as np
 from jax import Array
 
 import jaxmpm as mpm
-from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.measure import ROOT, Refused, Report, code_digest, stored_row
 from jaxmpm.laws import Law, add, elastic_increment
 from jaxmpm.protocols import Kernel, Tensor
 from jaxmpm.support.pytrees import pytree
@@ -221,17 +222,17 @@ def theirs(case: Case, binary: Path) -> np.ndarray:
     """Positions (times, 2, N) m by MPM3D-F90.
 
     Raises:
-        ValueError: If there is no such program, or it does not print these positions.
+        Refused: If there is no such program, or it does not print these positions.
     """
     program = binary.resolve()
-    if not program.is_file():
-        raise ValueError(f"{binary} is no file: give the program that MPM3D-F90's makefile makes")
+    if not program.is_file() or not os.access(program, os.X_OK):
+        raise Refused(f"{binary} is no program: give the one that MPM3D-F90's makefile makes")
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "slope.mpm").write_text(deck(case))
         done = subprocess.run([program, "slope.mpm"], cwd=folder, capture_output=True, text=True, errors="replace")
         answer = Path(folder) / "slope_anim.dat"
         if done.returncode or not answer.is_file():
-            raise ValueError(f"{binary} ended with {done.returncode} on {case.name}: {done.stdout[-300:].strip()}")
+            raise Refused(f"{binary} ended with {done.returncode} on {case.name}: {done.stdout[-300:].strip()}")
         seen = pictures(answer.read_text(errors="replace"))
     return np.array([seen[round(time / case.times[0])] for time in case.times])
 
@@ -240,13 +241,13 @@ def pictures(text: str) -> list[np.ndarray]:
     """Positions (2, N) m of each picture in MPM3D-F90's file for Tecplot, of one of both particles across the slice.
 
     Raises:
-        ValueError: If the file has four digits a number, as the solver's own format gives.
+        Refused: If the file has four digits a number, as the solver's own format gives.
     """
     seen = []
     for zone in text.split("ZONE")[1:]:
         table = [line.split() for line in zone.splitlines()[1:] if line.strip()]
         if len(table[0][0]) < 20:
-            raise ValueError(
+            raise Refused(
                 f"x = {table[0][0]} has too few digits to compare: build MPM3D-F90 with the format 3es24.16 in "
                 "src/DataOut.f90, see `benchmarks/public/peer_mpm3d.py`"
             )
@@ -284,7 +285,7 @@ def beside(case: Case, binary: Path) -> dict[str, Any]:
 def run(quick: bool, binary: Path | None = None) -> Report:
     """All cases; `quick` one second of each."""
     if binary is None:
-        raise ValueError(f"MPM3D-F90 is not part of this project: give --binary PATH, and build it as {__file__} says")
+        raise Refused(f"MPM3D-F90 is not part of this project: give --binary PATH, and build it as {__file__} says")
     make = partial(Case, times=(1.0,)) if quick else Case
     cases = [make(*choice) for choice in itertools.product(KERNELS, mpm.Scheme, STRENGTHS)]
     folder = ROOT / "out" / "peer_mpm3d" / code_digest(str(binary.resolve()))

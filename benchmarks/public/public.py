@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from benchmarks.measure import Report, beginning_so, stored_row
+from benchmarks.measure import Refused, Report, beginning_so, stored_row
 from benchmarks.public import dam_breaks, elastic, frank, granular, reliability, slopes
 from benchmarks.public.rows import Row, stored, without_answer
 from benchmarks.results import stored_rows
@@ -55,14 +55,17 @@ def folder(data: Path | None) -> Path:
         data: as the command line gives it; None for that of the environment.
 
     Raises:
-        ValueError: If none is given, or it is no folder of them.
+        Refused: If none is given, or it is no folder.
     """
     folder = os.environ.get(VARIABLE) if data is None else str(data)
     if not folder:
-        raise ValueError(f"the data of others are not part of this project: give --data FOLDER or set {VARIABLE}")
+        raise Refused(
+            f"the data of others are not part of this project: give --data FOLDER or set {VARIABLE}; "
+            "docs/notes/verification.md names their sources"
+        )
     found = Path(folder)
-    if not (found / "cantilever").is_dir():
-        raise ValueError(f"{found} has no folder `cantilever`: give the folder that holds one folder a case")
+    if not found.is_dir():
+        raise Refused(f"{found} is no folder: give the one that holds one folder a case")
     return found
 
 
@@ -75,7 +78,7 @@ def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
         only: beginnings of the names of cases to run.
 
     Raises:
-        ValueError: If no case begins so.
+        Refused: If no case begins so, or a file of its data is missing.
     """
     made = {name: (make, family) for family in FAMILIES.values() for name, make in family(data, quick).items()}
     chosen, earlier = beginning_so(made, only), {} if quick else kept()
@@ -85,7 +88,13 @@ def rows(data: Path, quick: bool, only: Sequence[str] = ("",)) -> Iterator[Row]:
             yield from earlier.get(name, _of(name, None, [without_answer(name)]))
             continue
         print(f"{name} ...", file=sys.stderr, flush=True)
-        yield from stored_row(folder, file, partial(_made, name, make))["rows"]
+        try:
+            yield from stored_row(folder, file, partial(_made, name, make))["rows"]
+        except FileNotFoundError as error:
+            raise Refused(
+                f"{error.filename} of the case {name} is missing: docs/notes/verification.md names its source, or "
+                "leave the case out by --only"
+            ) from error
 
 
 def kept() -> dict[str, list[Row]]:

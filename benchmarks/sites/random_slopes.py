@@ -211,7 +211,7 @@ def run(quick: bool, only: Sequence[str] = ("",)) -> Report:
     """The cases that begin so, as far as they come; those that were stopped go on with the next command.
 
     Raises:
-        ValueError: If no case begins so.
+        Refused: If no case begins so.
     """
     chosen = beginning_so(CASES, only)
     kept = [] if len(chosen) == len(CASES) else stored_rows("random_slopes")

@@ -262,7 +262,7 @@ def run(quick: bool, only: Sequence[str] = ("",)) -> Report:
     Those that were stopped go on with the next command.
 
     Raises:
-        ValueError: If no slide begins so.
+        Refused: If no slide begins so.
     """
     rows: list[Compared] = []
     along: list[dict[str, Any]] = []
