@@ -11,7 +11,7 @@ from cooperative.scene import Plan
 from jaxmpm.run import devices_of
 
 SCREENED = 64
-"""Rough runs at once on GPUs."""
+"""Rough runs at once on a GPU."""
 FILLS = 681_984
 """Particles of a run that fill a GPU alone: on an H200 one of eight such runs at once costs 22 per cent more."""
 
@@ -19,8 +19,8 @@ FILLS = 681_984
 def lanes_of(plan: Plan, grid: str, particles: float) -> int:
     """Runs at once on one grid, where a scene names no number.
 
-    On a CPU runs go one after the other. Refined runs at once on a GPU have the particles that fill it together, at
-    most SCREENED of them on each.
+    On a CPU runs go one after the other. Each GPU has SCREENED rough runs at once, or as many refined ones as fill it
+    together, at most SCREENED.
 
     Args:
         plan: of the campaign.
@@ -32,9 +32,8 @@ def lanes_of(plan: Plan, grid: str, particles: float) -> int:
         return lanes
     if jax.default_backend() == "cpu":
         return 1
-    if grid != "refined":
-        return SCREENED
-    return len(devices_of()) * int(min(max(FILLS // particles, 1), SCREENED))
+    filling = SCREENED if grid != "refined" else int(min(max(FILLS // particles, 1), SCREENED))
+    return len(devices_of()) * filling
 
 
 def lent_by(devices: Iterable[jax.Device]) -> float:

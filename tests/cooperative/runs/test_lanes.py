@@ -14,7 +14,7 @@ from cooperative.scene import Plan
     [
         ("cpu", "rough", 42_624, 1),
         ("cpu", "refined", 2_664, 1),
-        ("gpu", "rough", 42_624, 64),
+        ("gpu", "rough", 42_624, 128),
         ("gpu", "refined", 681_984, 2),
         ("gpu", "refined", 100_000, 12),
         ("gpu", "refined", 100, 128),
