@@ -130,7 +130,7 @@ class Plan(Part):
     coefficients: Annotated[Callable[[Array, int, int], ArrayLike], one_of(COEFFICIENTS, Callable)] = key(
         "How coefficients of the field are drawn.", "latin hypercube", "latin hypercube"
     )
-    lanes: Count | None = key("Rough runs in one program.", 1, None, otherwise="`1` on CPU, `64` elsewhere")
+    lanes: Count | None = key("Rough runs in one program.", 1, None, otherwise="`1` on CPU, `64` for each GPU")
     look_ahead: Count | None = key(
         "Refined runs under way at once in one process.",
         1,
