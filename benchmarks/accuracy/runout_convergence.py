@@ -1,7 +1,7 @@
 """Run-out, travel and deposit of slides against the cell: error against seconds.
 
-Each slide runs on cells that are halved. `front_m` is the run-out of the sliding mass without loose grains, of sand the
-point where its deposit is 5 % as thick as the column was high. `front_95_m` is that of 95 % of the soil that slid, both
+Each slide runs on cells that are halved. `front_m` is the run-out, where the deposit is as thick as a tenth of the slope's
+height, of sand as 5 % of the column's. `front_95_m` is that of 95 % of the soil that slid, both
 from the toe or the edge of a column. `travel_m` is the displacement of the centre of the soil that slid.
 `profile` is the area between the deposit's thickness and that on the finest cells, over the area that slid. Of each
 case, `last_two_halvings` is the largest change of both run-outs in the last two halvings, over the finest one, and
@@ -103,9 +103,12 @@ def timed(case: Case, cell: float) -> Row:
 
 
 def compared(rows: list[Row], case: Case) -> dict[str, float]:
-    """Changes of run-outs in the last two halvings, and their error on the default cell, over the finest."""
-    names = [name for name in RUN_OUTS if name in rows[-1]]
+    """Changes of run-outs in the last two halvings, and their error on the default cell, over the finest; none of a
+    slope that stands there."""
     finest = rows[-1]
+    names = [name for name in RUN_OUTS if finest.get(name)]
+    if not names:
+        return {}
     steps = list(zip(rows[-3:-1], rows[-2:], strict=True))
     default = next(row for row in rows if row["cell_m"] == case.default)
     return {

@@ -6,7 +6,7 @@ soil of 20.8 degrees and 10.4 kPa. It slides for 8 s from its stress at rest, on
 the example does. `front_m` is where the deposit is a tenth of the height thick, `foremost_m` its foremost soil, both
 beyond the toe; `retreat_m` how far behind the crest soil has moved by half a metre. `cutoff` is whether tension is cut
 off at 0, else at the apex of the cone as in the example. A slide that breaks off has no lengths. The finest cells are
-without average, dilation and cutoff: the others are judged by them. Finished rows stay in out/averaged_friction.
+without dilation and cutoff, and those without average judge the others. Finished rows stay in out/averaged_friction.
 """
 
 from __future__ import annotations
@@ -97,7 +97,8 @@ def run(quick: bool) -> Report:
         for average in (False, True)
     ]
     if not quick:
-        cases.append({"cell": CELLS[-1], "average": False, "associated": False, "cutoff": False, "at_rest": True})
+        plain = {"associated": False, "cutoff": False, "at_rest": True}
+        cases += [{"cell": CELLS[-1], "average": average, **plain} for average in (True, False)]
     rows = [
         case | stored_row(folder, " ".join(f"{value:g}" for value in case.values()), partial(slid, **case))
         for case in cases

@@ -42,6 +42,11 @@ def test_changes_are_over_the_finest_run_out_and_the_default_is_held_against_it(
     assert result["default_error"] == pytest.approx(0.2)
 
 
+def test_a_slope_that_stands_has_no_change():
+    rows = [{"cell_m": c, "front_m": f, "front_95_m": f} for c, f in ((4.0, 1.0), (2.0, 0.0), (1.0, 0.0))]
+    assert compared(rows, Case((4, 2, 1), 2.0, dict)) == {}
+
+
 def test_a_profile_is_the_share_of_the_slide_that_lies_elsewhere():
     rows = [{"thickness": [2.0, 0.0], "slid": 4.0}, {"thickness": [1.0, 1.0, 0.0], "slid": 4.0}]
     assert [row["profile"] for row in with_profiles(rows)] == [0.5, 0.0]
