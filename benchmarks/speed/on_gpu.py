@@ -1,32 +1,43 @@
-"""The engine for CUDA GPUs against XLA's on one card. `benchmarks/speed/on_gpu.sh` builds it, tests it, and runs this.
+"""The engine for CUDA GPUs against XLA's on one card, a part at a time; `benchmarks/speed/on_gpu.sh` runs them all.
 
-Errors are over the largest value, against float64. A step is that of a slope that slides. Its time is the
-median of five chunks. `order` is the share of the sort that makes sums independent of the batch and of the run.
+Errors are over the largest value. A step is that of a slope that slides, the median of five chunks. Each engine is
+asked for by name, so that a library which does not run is an error. `--small` has a CPU run the same on small scenes.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxmpm as mpm
+from benchmarks.measure import on_cores, timed
+from benchmarks.speed.campaign import scene_text
+from benchmarks.speed.on_gpu_rows import row
 from benchmarks.speed.throughput import DEFAULT, REFINED, ROUGH, SECTION
 from benchmarks.speed.throughput_case import Case, measure
+from cooperative import campaign
+from cooperative.doctor import apart, off_kinks, transferred
 from jaxmpm import Engine
 from jaxmpm.equations import grid_position
 from jaxmpm.run import objectives
 from jaxmpm.transfer import cell_sums, g2p, p2g
 from jaxmpm.transfer.native import cuda
+
+Rows = Iterator[dict[str, Any]]
+Built = Callable[[str], tuple[Case, mpm.Scene, mpm.State]]
 
 STEPS: dict[str, dict[str, Any]] = {
     "refined": REFINED,
@@ -35,122 +46,32 @@ STEPS: dict[str, dict[str, Any]] = {
     "refined, default settings": REFINED | DEFAULT,
     "rough": ROUGH,
     "section": SECTION,
+    "terrain, nodes near soil": {},
     "refined, float64": REFINED | {"dtype": "float64"},
 }
-# What is promised of a step beside XLA's, by issue; the others are shown.
+GRADIENTS = {"rough": ROUGH, "rough, default settings": ROUGH | DEFAULT}
 AT_MOST = {"refined": 0.55, "rough, 64 lanes": 0.6, "section, 256 lanes": 1.0}
-ENGINES = {"CUDA": None, "XLA": Engine.XLA}
+"""What is promised of a step over XLA's; the others are shown."""
+AGREE = {"float32": 2e-6, "float64": 1e-13}
+ENGINES = (Engine.NATIVE, Engine.XLA)
 
 
-def microseconds(run: Callable[[jax.Array], jax.Array], position: jax.Array, calls: int = 50) -> float:
-    """Time of one call among many in one program, each of which waits for the one before."""
-
-    @jax.jit
-    def many(position: jax.Array) -> jax.Array:
-        def after(_: jax.Array, x: jax.Array) -> jax.Array:
-            return x + 0 * jax.lax.optimization_barrier(run(x)).ravel()[0]
-
-        return jax.lax.fori_loop(0, calls, after, position)
-
-    jax.block_until_ready(many(position))
-    spent = []
-    for _ in range(5):
-        start = time.perf_counter()
-        jax.block_until_ready(many(position))
-        spent.append(time.perf_counter() - start)
-    return 1e6 * sorted(spent)[2] / calls
+@cache
+def built(name: str, small: bool = False) -> tuple[Case, mpm.Scene, mpm.State]:
+    """A case, its scene, which lanes and engines share, and its state."""
+    case = Case(**(STEPS | GRADIENTS)[name], seconds=0.02 if small else 0.2, repeats=5)
+    if small:
+        scene = {"paper": "paper_section", "slope": "section"}.get(case.scene, case.scene)
+        case = replace(case, scene=scene, grid="rough", batch=min(case.batch, 3))
+    return case, *(
+        terrain(*((24, 12) if small else ())) if "terrain" in name else _scene(case.scene, case.grid, case.dtype)
+    )
 
 
-def transfers() -> Iterator[dict[str, Any]]:
-    """Each transfer of a step of the published refined slope alone: time on both engines, error against float64."""
-    scene, state = Case(**STEPS["refined"]).build()
-    grid, kernel, position = scene.grid, scene.numerics.kernel, grid_position(scene, state)
-    rng, n, d = np.random.default_rng(0), state.velocity.shape[1], grid.dimension
-    carried, stress = (jnp.asarray(rng.normal(size=(k, n)), jnp.float32) for k in (1 + d, d * (d + 1) // 2))
-    nodal = jnp.asarray(rng.normal(size=(grid.nodes, 2 * d)), jnp.float32)
-    cell = jnp.ravel_multi_index(tuple((position / grid.cell).astype(jnp.int32)), grid.shape, mode="clip")
-    cell = cell.astype(jnp.int32)
-    runs: dict[str, Callable[..., Any]] = {
-        "p2g, 7 channels": lambda x, q, s, _, **e: p2g(grid, kernel, x, q, s, **e),
-        "p2g, 3 channels": lambda x, q, s, _, **e: p2g(grid, kernel, x, q[:d], None, **e),
-        "g2p, 6 values": lambda x, q, s, f, **e: g2p(grid, kernel, x, f, values=2 * d, gradients=0, **e)[0],
-        "g2p, 3 gradients": lambda x, q, s, f, **e: g2p(grid, kernel, x, f, values=0, gradients=d, **e)[1],
-        "cell sums, 2 rows": lambda x, q, s, f, **e: cell_sums(cell, q[:2] + 0 * x[:1], cells=grid.nodes, **e),
-    }
-    values = (carried, stress, nodal)
-    for name, run in runs.items():
-        row: dict[str, Any] = {"transfer": name, "particles": n}
-        with jax.enable_x64(True):
-            exact = [jnp.asarray(a, jnp.float64) for a in (position, *values)]
-            expected = np.asarray(jax.jit(partial(run, engine=Engine.XLA))(*exact))
-        for label, engine in ENGINES.items():
-            on = partial(run, engine=engine)
-            error = np.abs(np.asarray(jax.jit(on)(position, *values)) - expected).max() / np.abs(expected).max()
-
-            def alone(x: jax.Array, on: Callable[..., Any] = on) -> Any:
-                return on(x, *values)
-
-            row |= {f"{label}_us": round(microseconds(alone, position), 1)}
-            row |= {f"{label}_error": float(f"{error:.2e}")}
-        yield row | {"ratio": round(row["CUDA_us"] / row["XLA_us"], 3)}
-    if cuda.available():
-        spent = microseconds(lambda x: cuda._order(grid, x[None])[0].astype(x.dtype), position)
-        yield {"transfer": "order", "particles": n, "CUDA_us": round(spent, 1)}
-
-
-def steps(names: list[str], seconds: float) -> Iterator[dict[str, Any]]:
-    """Steps on both engines, in one process."""
-    for name in names:
-        row: dict[str, Any] = {"step": name}
-        for label, engine in ENGINES.items():
-            jax.config.update("jax_enable_x64", STEPS[name].get("dtype") == "float64")
-            case = Case(**STEPS[name], engine=None if engine is None else engine.name, seconds=seconds, repeats=5)
-            try:
-                result = measure(case)
-            except Exception as fault:  # one case that fails leaves the others
-                row |= {f"{label}_failed": str(fault)[:200]}
-                continue
-            particles = result["particles"] * case.batch
-            us = result["us"][len(result["us"]) // 2]
-            row |= {"particles": particles, f"{label}_us": round(us * particles, 1), f"{label}_ns": round(1e3 * us, 3)}
-            row |= {f"{label}_compile_s": round(result["compile_s"], 1)}
-            # Of the process so far, so that only the first case tells what it takes.
-            row |= {f"{label}_peak_mb": round(result["peak_mb"])}
-            jax.clear_caches()
-        jax.config.update("jax_enable_x64", False)
-        if "XLA_us" in row and "CUDA_us" in row:
-            row |= {"ratio": round(row["CUDA_us"] / row["XLA_us"], 3), "at_most": AT_MOST.get(name)}
-        yield row
-
-
-def gradients() -> Iterator[dict[str, Any]]:
-    """Value and gradient by strength of the rough slope's displacement after 100 steps, over the forward run."""
-    built, state = Case(**STEPS["rough"]).build()
-    strength = jnp.broadcast_to(built.material.strength, built.particles.mass.shape)
-    found = {}
-    for label, engine in ENGINES.items():
-        scene = replace(built, numerics=replace(built.numerics, engine=engine))
-
-        def reached(strength: jax.Array, scene: mpm.Scene = scene) -> jax.Array:
-            varied = replace(scene, material=replace(scene.material, strength=strength))
-            return objectives.log_displacement(mpm.replay(varied, state, 100, memory=2e9)[0])
-
-        row: dict[str, Any] = {"gradient": "rough, 100 steps", "engine": label}
-        for name, run in (("forward", jax.jit(reached)), ("both", jax.jit(jax.value_and_grad(reached)))):
-            result = jax.block_until_ready(run(strength))
-            spent = []
-            for _ in range(5):
-                start = time.perf_counter()
-                jax.block_until_ready(run(strength))
-                spent.append(time.perf_counter() - start)
-            row |= {f"{name}_us": round(1e4 * sorted(spent)[2], 1)}
-        found[label] = np.asarray(result[1])
-        row |= {"over_forward": round(row["both_us"] / row["forward_us"], 2), "at_most": 3.5}
-        row |= {"repeats": bool(np.array_equal(found[label], run(strength)[1]))}
-        if len(found) == len(ENGINES):
-            apart = np.abs(found["CUDA"] - found["XLA"]).max() / np.abs(found["XLA"]).max()
-            row |= {"engines_apart": float(f"{apart:.2e}")}
-        yield row
+@cache
+def _scene(scene: str, grid: str, dtype: str) -> tuple[mpm.Scene, mpm.State]:
+    with jax.enable_x64(dtype == "float64"):
+        return Case(scene=scene, grid=grid, dtype=dtype).build()
 
 
 def terrain(length: int = 120, width: int = 60) -> tuple[mpm.Scene, mpm.State]:
@@ -163,63 +84,224 @@ def terrain(length: int = 120, width: int = 60) -> tuple[mpm.Scene, mpm.State]:
     return mpm.follow_soil(scene), state
 
 
-def repeats() -> Iterator[dict[str, Any]]:
-    """Whether states after 200 steps are equal bit for bit: run again, and among other lanes; time of a step."""
-    for name, (built, state) in (("rough", Case(**STEPS["rough"]).build()), ("terrain, nodes near soil", terrain())):
-        yield from (_repeats(name, label, built, state) for label in ENGINES)
+def on(scene: mpm.Scene, engine: Engine) -> mpm.Scene:
+    """The scene on an engine."""
+    return replace(scene, numerics=replace(scene.numerics, engine=engine))
 
 
-def _repeats(name: str, label: str, built: mpm.Scene, state: mpm.State, steps: int = 200) -> dict[str, Any]:
-    scene = replace(built, numerics=replace(built.numerics, engine=ENGINES[label]))
-    advance = jax.jit(lambda scene, state: mpm.advance(scene, state, jnp.asarray(steps)))
-    strength = scene.material.strength * jnp.array([1.0, 0.8, 1.2])[:, None] * jnp.ones(state.velocity.shape[1])
+def seconds(run: Callable[..., Any], *arrays: jax.Array) -> float:
+    """Median time of a compiled function."""
+    return timed(lambda: jax.block_until_ready(run(*arrays))).median
 
-    def one(strength: jax.Array) -> mpm.State:
-        varied = replace(scene, material=replace(scene.material, strength=strength))
-        return cast(mpm.State, advance(varied, state))
 
-    def equal(a: mpm.State, b: mpm.State) -> bool:
-        pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
-        return all(np.array_equal(np.asarray(x), np.asarray(y)) for x, y in pairs)
+def arrays_of(scene: mpm.Scene, state: mpm.State) -> tuple[jax.Array, ...]:
+    """Position, carried rows, stress and nodal values for transfers of a scene, and the cells of its particles."""
+    grid, rng = scene.grid, np.random.default_rng(0)
+    d, n = grid.dimension, state.velocity.shape[1]
+    origin = np.array(grid.origin)[:, None]
+    places = off_kinks(rng, (np.asarray(grid_position(scene, state), float) - origin) / grid.cell)
+    cell = np.ravel_multi_index(tuple(places.astype(np.int32)), grid.shape, mode="clip")
+    sizes = ((1 + d, n), (d * (d + 1) // 2, n), (grid.nodes, 1 + 2 * d))
+    floats = (origin + grid.cell * places, *(rng.normal(size=size) for size in sizes))
+    return *(jnp.asarray(a, state.velocity.dtype) for a in floats), jnp.asarray(cell, jnp.int32)
 
-    first = jax.block_until_ready(one(strength[0]))
-    start = time.perf_counter()
-    again = jax.block_until_ready(one(strength[0]))
-    spent = time.perf_counter() - start
-    lanes = jax.vmap(one)(strength)
-    return {
-        "repeats": f"{name}, {steps} steps",
-        "engine": label,
-        "particles": state.velocity.shape[1],
-        "step_us": round(1e6 * spent / steps, 1),
-        "run_again": equal(first, again),
-        "in_a_batch": equal(first, jax.tree.map(lambda a: a[0], lanes)),
-        "apart_in_a_batch_m": float(jnp.abs(first.displacement - lanes.displacement[0]).max()),
+
+def accuracy(built: Built) -> Rows:
+    """Each transfer and its derivative by engine and dtype, in 2D and 3D by all shape functions."""
+
+    @partial(jax.jit, static_argnums=(0, 1, 2))
+    def everything(grid: mpm.Grid, kernel: mpm.Kernel, engine: Engine, *arrays: jax.Array) -> dict[str, Any]:
+        position, carried, stress, nodal, cell = arrays
+        found = transferred(grid, kernel, position, (carried, stress), nodal, engine=engine)
+        return found | {"cell sums": cell_sums(cell, carried, cells=grid.nodes, engine=engine)}
+
+    for name in ("section", "terrain, nodes near soil"):
+        _, scene, state = built(name)
+        grid, (*floats, cell) = scene.grid, arrays_of(scene, state)
+        for kernel in (scene.numerics.kernel, mpm.QuadraticBSpline(), mpm.Linear()):
+            found = {}
+            for dtype in AGREE:
+                with jax.enable_x64(dtype == "float64"):
+                    arrays = [*(jnp.asarray(np.asarray(a), dtype) for a in floats), cell]
+                    for engine in ENGINES:
+                        found[dtype, engine] = jax.device_get(everything(grid, kernel, engine, *arrays))
+            of = f"{type(kernel).__name__}, {grid.dimension}D"
+            exact = found["float64", Engine.XLA]
+            for what in exact:
+                for dtype, limit in AGREE.items():
+                    ours, xla = (found[dtype, engine][what] for engine in ENGINES)
+                    yield row(f"{what}, {of}, {dtype}: apart from XLA's", apart(ours, xla), at_most=limit)
+                errors = [apart(found["float32", engine][what], exact[what]) for engine in ENGINES]
+                yield row(f"{what}, {of}: error against float64", *errors)
+
+
+def after(steps: int, scene: mpm.Scene, state: mpm.State, strength: jax.Array) -> mpm.State:
+    """The state after some steps with these strengths."""
+    return mpm.advance(replace(scene, material=replace(scene.material, strength=strength)), state, jnp.asarray(steps))
+
+
+def repeats(built: Built, steps: int = 200) -> Rows:
+    """How many arrays of the state differ by a bit after some steps: run again, and among other lanes."""
+    for name in ("rough", "terrain, nodes near soil"):
+        _, scene, state = built(name)
+        scene = on(scene, Engine.NATIVE)
+        strength = scene.material.strength * jnp.array([1.0, 0.8, 1.2])[:, None] * jnp.ones(state.velocity.shape[1])
+        one = jax.jit(partial(after, steps, scene, state))
+        first, again, lanes = one(strength[0]), one(strength[0]), jax.vmap(one)(strength)
+        for what, other in (("run again", again), ("among other lanes", jax.tree.map(lambda a: a[0], lanes))):
+            pairs = zip(jax.tree.leaves(first), jax.tree.leaves(other), strict=True)
+            differ = sum(not np.array_equal(np.asarray(a), np.asarray(b)) for a, b in pairs)
+            yield row(f"{name}, {steps} steps {what}", differ, unit="arrays differ", at_most=0)
+
+
+def memory(built: Built) -> Rows:
+    """Most memory of a process of its own for each engine, at the same time: of steps, and of a gradient."""
+    case, cores = built("refined")[0], len(os.sched_getaffinity(0))
+    given = {"scene": built("rough")[0].scene, "steps": 100, "memory": 2e9, "repeats": 0}
+    asked = {
+        "refined": ("throughput_case", asdict(case) | {"repeats": 1}),
+        "gradient, rough, 100 steps": ("gradients_case", given),
     }
+
+    def peak(module: str, given: dict[str, Any], engine: Engine) -> float:
+        answer = on_cores(cores, f"benchmarks.speed.{module}", json.dumps(given | {"engine": engine.name}))
+        return float(answer["peak_mb"])
+
+    with ThreadPoolExecutor() as pool:
+        answers = {name: [pool.submit(peak, *what, engine) for engine in ENGINES] for name, what in asked.items()}
+        for name, each in answers.items():
+            yield row(f"memory, {name}", *(answer.result() for answer in each), unit="MB")
+
+
+def reached(steps: int, scene: mpm.Scene, state: mpm.State, strength: jax.Array) -> jax.Array:
+    """Logarithm of the displacement after some steps with these strengths."""
+    varied = replace(scene, material=replace(scene.material, strength=strength))
+    return objectives.log_displacement(mpm.replay(varied, state, steps, memory=2e9)[0])
+
+
+def gradients(built: Built, steps: int = 100) -> Rows:
+    """Value and gradient by strength of the displacement after some steps, over the forward run."""
+    for name in GRADIENTS:
+        _, scene, state = built(name)
+        strength = jnp.broadcast_to(scene.material.strength, scene.particles.mass.shape)
+        spent, found = [], []
+        for engine in ENGINES:
+            forward = partial(reached, steps, on(scene, engine), state)
+            runs = jax.jit(forward), jax.jit(jax.value_and_grad(forward))
+            spent.append([seconds(run, strength) for run in runs])
+            found.append([runs[1](strength)[1] for _ in range(2)])
+        what, (alone, both) = f"{name}, {steps} steps", zip(*spent, strict=True)
+        yield row(f"gradient over forward, {what}", *np.divide(both, alone).tolist(), at_most=3.5)
+        yield row(f"gradient, {what}: apart from XLA's", apart(found[0][0], found[1][0]), at_most=1e-5)
+        differ = [int(jnp.sum(a != b)) for a, b in found]
+        yield row(f"gradient, {what}, run again", *differ, unit="values differ", at_most=0)
+        yield row(f"forward, {what}", *(1e6 * each / steps for each in alone), unit="us/step")
+
+
+def steps(built: Built, names: tuple[str, ...] = tuple(STEPS), how: str = "") -> Rows:
+    """Steps on both engines."""
+    for name in names:
+        try:
+            case, scene, state = built(name)
+            with jax.enable_x64(case.dtype == "float64"):
+                answers = [measure(case, (on(scene, engine), state)) for engine in ENGINES]
+            particles = answers[0]["particles"] * case.batch
+            us = [answer["us"][len(answer["us"]) // 2] * particles for answer in answers]
+            compared = row(f"step, {how}{name}", *us, unit="us", at_most=AT_MOST.get(name), of="ratio")
+            yield compared | {"particles": particles}
+        except Exception as fault:  # a case that fails leaves the others
+            yield {"what": f"step, {how}{name}: {str(fault)[:200]}", "result": "fail"}
+        jax.clear_caches()
+
+
+def microseconds(run: Callable[..., jax.Array], position: jax.Array, *arrays: jax.Array, calls: int = 50) -> float:
+    """Time of one call among many in one program, each of which waits for the one before."""
+
+    @jax.jit
+    def many(position: jax.Array, *arrays: jax.Array) -> jax.Array:
+        def after(_: jax.Array, x: jax.Array) -> jax.Array:
+            return x + 0 * jax.lax.optimization_barrier(run(x, *arrays)).ravel()[0]
+
+        return jax.lax.fori_loop(0, calls, after, position)
+
+    return 1e6 * seconds(many, position, *arrays) / calls
+
+
+def transfers_of(grid: mpm.Grid, kernel: mpm.Kernel) -> dict[str, Callable[..., Any]]:
+    """Transfers of a step by name, of the arrays of `arrays_of` and an engine."""
+    d = grid.dimension
+    give, read = partial(p2g, grid, kernel), partial(g2p, grid, kernel)
+    return {
+        f"p2g, {1 + 2 * d} channels": lambda x, q, s, f, c, **e: give(x, q, s, **e),
+        f"p2g, {d} channels": lambda x, q, s, f, c, **e: give(x, q[:d], None, **e),
+        f"g2p, {2 * d} values": lambda x, q, s, f, c, **e: read(x, f, values=2 * d, gradients=0, **e)[0],
+        f"g2p, {d} gradients": lambda x, q, s, f, c, **e: read(x, f, values=0, gradients=d, **e)[1],
+        "cell sums, 2 rows": lambda x, q, s, f, c, **e: cell_sums(c, q[:2] + 0 * x[:1], cells=grid.nodes, **e),
+    }
+
+
+def transfers(built: Built) -> Rows:
+    """Each transfer of a step alone, of the refined slope in both dtypes and by other shape functions, and in 2D."""
+    gimp = built("refined")[1].numerics.kernel
+    asked = [("refined", gimp), ("refined, float64", gimp)]
+    asked += [(name, kernel) for name in ("refined", "section") for kernel in (mpm.QuadraticBSpline(), mpm.Linear())]
+    for name, kernel in asked:
+        _, scene, state = built(name)
+        with jax.enable_x64("float64" in name):
+            arrays = arrays_of(scene, state)
+            for what, run in transfers_of(scene.grid, kernel).items():
+                us = [microseconds(partial(run, engine=engine), *arrays) for engine in ENGINES]
+                yield row(f"{what}, {type(kernel).__name__}, {name}", *us, unit="us")
+            if cuda.available():
+                yield row(f"order, {name}", microseconds(partial(order, scene.grid), arrays[0]), unit="us")
+
+
+def order(grid: mpm.Grid, position: jax.Array) -> jax.Array:
+    """Particles in the order of their stencils, which makes sums independent of the batch and of the run."""
+    return cuda._order(grid, position[None])[0].astype(position.dtype)
+
+
+def small_campaign(built: Built) -> Rows:
+    """Seconds of a campaign of sections whose classes alone are asked for, its start too, and programs compiled."""
+    compiled: list[float] = []
+
+    def listen(event: str, duration_secs: float, **_: object) -> None:
+        if event.endswith("backend_compile_duration"):
+            compiled.append(duration_secs)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    text = scene_text(built("section")[0].scene, {"samples": 64, "screening_stop": 1.0, "fields": "none"})
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        campaign.run(text, Path(folder) / "campaign", refined_runs=8)
+        yield row("campaign of a section, 64 rough and 8 refined runs", time.perf_counter() - start, unit="s")
+    yield row("programs that it compiled or read", len(compiled))
+    yield row("seconds that they took", sum(compiled), unit="s")
+
+
+PARTS: dict[str, Callable[[Built], Rows]] = {
+    "accuracy": accuracy,
+    "repeats": repeats,
+    "memory": memory,
+    "gradients": gradients,
+    "steps": steps,
+    "transfers": transfers,
+    "campaign": small_campaign,
+    "graphs": lambda built: steps(built, ("rough", "section"), "as one CUDA graph, "),
+}
 
 
 def main() -> None:
-    """Rows as JSON, one a line, as they come."""
+    """Rows of a part as JSON, one a line, as they come."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="file that the rows are added to")
-    parser.add_argument("--seconds", type=float, default=0.2, help="of a chunk of steps")
-    parser.add_argument("--parts", default="transfers,steps,gradients,repeats")
-    parser.add_argument("--steps", default=";".join(STEPS), help="names of steps, with semicolons between them")
+    parser.add_argument("part", choices=PARTS)
+    parser.add_argument("rows", type=Path, help="file that the rows are added to")
+    parser.add_argument("--small", action="store_true", help="scenes that a CPU runs in seconds")
     arguments = parser.parse_args()
-    parts = {
-        "transfers": transfers,
-        "steps": lambda: steps(arguments.steps.split(";"), arguments.seconds),
-        "gradients": gradients,
-        "repeats": repeats,
-    }
-    card = jax.devices()[0].device_kind
-    for part in arguments.parts.split(","):
-        for row in parts[part]():
-            line = json.dumps({"card": card, "jax": jax.__version__, **row})
-            print(line, flush=True)
-            if arguments.out is not None:
-                with arguments.out.open("a") as rows:
-                    rows.write(line + "\n")
+    made = {"card": jax.devices()[0].device_kind, "jax": jax.__version__}
+    for each in PARTS[arguments.part](partial(built, small=arguments.small)):
+        with arguments.rows.open("a") as rows:
+            rows.write(json.dumps(each | made) + "\n")
 
 
 if __name__ == "__main__":

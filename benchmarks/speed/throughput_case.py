@@ -48,9 +48,9 @@ class Case:
         return reduced(replace(scene, numerics=replace(scene.numerics, engine=engine)), REDUCTION), state
 
 
-def measure(case: Case) -> dict[str, Any]:
-    """Time chunks of steps of about `seconds` each."""
-    scene, state = case.build()
+def measure(case: Case, built: tuple[Scene, State] | None = None) -> dict[str, Any]:
+    """Time chunks of steps of about `seconds` each, of the case's scene or of one that was built."""
+    scene, state = built or case.build()
     particles, axes = scene.particles.mass.size, None
     if case.batch > 1:
         strength = jnp.broadcast_to(scene.material.strength, (case.batch, particles))

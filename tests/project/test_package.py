@@ -15,6 +15,7 @@ from importlib import import_module, metadata
 from pathlib import Path
 from types import SimpleNamespace
 
+import jax
 import pytest
 from packaging.requirements import Requirement
 
@@ -189,6 +190,21 @@ def test_nothing_is_released_where_the_system_gives_no_number_of_mappings(monkey
 def test_doctor_says_which_gpu_nobody_has_timed(kind, untimed, monkeypatch):
     monkeypatch.setattr(doctor.jax, "devices", lambda: [SimpleNamespace(platform="gpu", device_kind=kind)])
     assert dict(doctor.installation())["device"] == f"gpu: {kind}" + " (the solver runs here, untimed)" * untimed
+
+
+@pytest.mark.skipif(not jaxmpm.transfer.native_available(), reason="native kernels were not built")
+@pytest.mark.parametrize("wrong", ["sums", "gathers", "derivatives"])
+def test_doctor_compares_each_transfer(wrong, monkeypatch):
+    sound = doctor.transferred
+
+    def transferred(*arguments, engine):
+        found = sound(*arguments, engine=engine)
+        off = 1 + 1e-5 * (engine is jaxmpm.Engine.NATIVE)
+        return found | {wrong: jax.tree.map(lambda a: a * off, found[wrong])}
+
+    assert doctor.engines_apart() < doctor._APART
+    monkeypatch.setattr(doctor, "transferred", transferred)
+    assert doctor.engines_apart() == pytest.approx(1e-5, rel=0.1)
 
 
 @pytest.mark.parametrize("errors", [(0.02, 0.0), (0.0, 0.06), (float("nan"), 0.0)])

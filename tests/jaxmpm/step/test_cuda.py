@@ -101,23 +101,24 @@ CASES += [(3, "bspline", "float64")]
 
 @pytest.mark.parametrize(("d", "name", "dtype"), CASES)
 def test_agrees_with_xla(x64, d, name, dtype):
-    """All counts of channels that a step has, and more than one kernel takes, beyond the grid too."""
+    """All counts of channels that a step has, and more than one kernel takes, beyond the grid too, in one program."""
     grid, position, _, stress = data(d, 150, spread=2, dtype=dtype)
     kernel, rng = kernel_of(name, d), np.random.default_rng(1)
-    for k, stressed in ((0, True), (1, True), (d, False), (1 + d, True), (9, True), (13, False)):
-        carried = jnp.asarray(rng.normal(size=(k, 150)), dtype) if k else None
+    given = [
+        (jnp.asarray(rng.normal(size=(k, 150)), dtype) if k else None, stress if stressed else None)
+        for k, stressed in ((0, True), (1, True), (d, False), (1 + d, True), (9, True), (13, False))
+    ]
+    asked = [
+        (jnp.asarray(rng.normal(size=(grid.nodes, max(counts))), dtype), *counts)
+        for counts in ((d, 0), (0, d), (2 * d, d), (1, 1), (1, 3), (9, 2))
+    ]
 
-        def mapped(engine, position, carried=carried, stressed=stressed):
-            return p2g(grid, kernel, position, carried, stress if stressed else None, engine=engine)
+    def transferred(engine, position):
+        mapped = [p2g(grid, kernel, position, *rows, engine=engine) for rows in given]
+        read = [g2p(grid, kernel, position, f, values=v, gradients=g, engine=engine) for f, v, g in asked]
+        return mapped, read
 
-        assert_close_to_xla(mapped, position, tolerance=2e-6 if dtype == "float32" else 1e-13)
-    for values, gradients in ((d, 0), (0, d), (2 * d, d), (1, 1), (1, 3), (9, 2)):
-        nodal = jnp.asarray(rng.normal(size=(grid.nodes, max(values, gradients))), dtype)
-
-        def read(engine, position, nodal=nodal, values=values, gradients=gradients):
-            return g2p(grid, kernel, position, nodal, values=values, gradients=gradients, engine=engine)
-
-        assert_close_to_xla(read, position, tolerance=2e-6 if dtype == "float32" else 1e-13)
+    assert_close_to_xla(transferred, position, tolerance=2e-6 if dtype == "float32" else 1e-13)
 
 
 @pytest.mark.parametrize(("d", "name"), [(1, "gimp"), (2, "gimp"), (2, "bspline"), (3, "gimp")])
