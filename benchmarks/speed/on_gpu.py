@@ -37,7 +37,6 @@ from jaxmpm.transfer import cell_sums, g2p, p2g
 from jaxmpm.transfer.native import cuda
 
 Rows = Iterator[dict[str, Any]]
-Built = Callable[[str], tuple[Case, mpm.Scene, mpm.State]]
 
 STEPS: dict[str, dict[str, Any]] = {
     "refined": REFINED,
@@ -56,16 +55,19 @@ AGREE = {"float32": 2e-6, "float64": 1e-13}
 ENGINES = (Engine.NATIVE, Engine.XLA)
 
 
-@cache
-def built(name: str, small: bool = False) -> tuple[Case, mpm.Scene, mpm.State]:
-    """A case, its scene, which lanes and engines share, and its state."""
+def case_of(name: str, small: bool) -> Case:
+    """A case. small: of few lanes of a section, which a CPU runs in seconds."""
     case = Case(**(STEPS | GRADIENTS)[name], seconds=0.02 if small else 0.2, repeats=5)
-    if small:
-        scene = {"paper": "paper_section", "slope": "section"}.get(case.scene, case.scene)
-        case = replace(case, scene=scene, grid="rough", batch=min(case.batch, 3))
-    return case, *(
-        terrain(*((24, 12) if small else ())) if "terrain" in name else _scene(case.scene, case.grid, case.dtype)
-    )
+    section = {"paper": "paper_section", "slope": "section"}.get(case.scene, case.scene)
+    return replace(case, scene=section, grid="rough", batch=min(case.batch, 3)) if small else case
+
+
+def built(name: str, small: bool) -> tuple[mpm.Scene, mpm.State]:
+    """The scene of a case, which lanes and engines share, and its state."""
+    case = case_of(name, small)
+    if "terrain" in name:
+        return terrain(24, 12) if small else terrain(120, 60)
+    return _scene(case.scene, case.grid, case.dtype)
 
 
 @cache
@@ -74,7 +76,8 @@ def _scene(scene: str, grid: str, dtype: str) -> tuple[mpm.Scene, mpm.State]:
         return Case(scene=scene, grid=grid, dtype=dtype).build()
 
 
-def terrain(length: int = 120, width: int = 60) -> tuple[mpm.Scene, mpm.State]:
+@cache
+def terrain(length: int, width: int) -> tuple[mpm.Scene, mpm.State]:
     """Soil 4 m deep on steep bedrock, in cells of 1 m, whose grid stores the nodes near it alone."""
     slope = np.add.outer(-0.7 * np.arange(0.0, length + 1), np.zeros(width + 1))
     rock = mpm.Raster(slope, (0.0, 0.0), 1.0)
@@ -106,7 +109,7 @@ def arrays_of(scene: mpm.Scene, state: mpm.State) -> tuple[jax.Array, ...]:
     return *(jnp.asarray(a, state.velocity.dtype) for a in floats), jnp.asarray(cell, jnp.int32)
 
 
-def accuracy(built: Built) -> Rows:
+def accuracy(small: bool) -> Rows:
     """Each transfer and its derivative by engine and dtype, in 2D and 3D by all shape functions."""
 
     @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -116,7 +119,7 @@ def accuracy(built: Built) -> Rows:
         return found | {"cell sums": cell_sums(cell, carried, cells=grid.nodes, engine=engine)}
 
     for name in ("section", "terrain, nodes near soil"):
-        _, scene, state = built(name)
+        scene, state = built(name, small)
         grid, (*floats, cell) = scene.grid, arrays_of(scene, state)
         for kernel in (scene.numerics.kernel, mpm.QuadraticBSpline(), mpm.Linear()):
             found = {}
@@ -140,10 +143,10 @@ def after(steps: int, scene: mpm.Scene, state: mpm.State, strength: jax.Array) -
     return mpm.advance(replace(scene, material=replace(scene.material, strength=strength)), state, jnp.asarray(steps))
 
 
-def repeats(built: Built, steps: int = 200) -> Rows:
+def repeats(small: bool, steps: int = 200) -> Rows:
     """How many arrays of the state differ by a bit after some steps: run again, and among other lanes."""
     for name in ("rough", "terrain, nodes near soil"):
-        _, scene, state = built(name)
+        scene, state = built(name, small)
         scene = on(scene, Engine.NATIVE)
         strength = scene.material.strength * jnp.array([1.0, 0.8, 1.2])[:, None] * jnp.ones(state.velocity.shape[1])
         one = jax.jit(partial(after, steps, scene, state))
@@ -154,10 +157,10 @@ def repeats(built: Built, steps: int = 200) -> Rows:
             yield row(f"{name}, {steps} steps {what}", differ, unit="arrays differ", at_most=0)
 
 
-def memory(built: Built) -> Rows:
+def memory(small: bool) -> Rows:
     """Most memory of a process of its own for each engine, at the same time: of steps, and of a gradient."""
-    case, cores = built("refined")[0], len(os.sched_getaffinity(0))
-    given = {"scene": built("rough")[0].scene, "steps": 100, "memory": 2e9, "repeats": 0}
+    case, cores = case_of("refined", small), len(os.sched_getaffinity(0))
+    given = {"scene": case_of("rough", small).scene, "steps": 100, "memory": 2e9, "repeats": 0}
     asked = {
         "refined": ("throughput_case", asdict(case) | {"repeats": 1}),
         "gradient, rough, 100 steps": ("gradients_case", given),
@@ -179,10 +182,10 @@ def reached(steps: int, scene: mpm.Scene, state: mpm.State, strength: jax.Array)
     return objectives.log_displacement(mpm.replay(varied, state, steps, memory=2e9)[0])
 
 
-def gradients(built: Built, steps: int = 100) -> Rows:
+def gradients(small: bool, steps: int = 100) -> Rows:
     """Value and gradient by strength of the displacement after some steps, over the forward run."""
     for name in GRADIENTS:
-        _, scene, state = built(name)
+        scene, state = built(name, small)
         strength = jnp.broadcast_to(scene.material.strength, scene.particles.mass.shape)
         spent, found = [], []
         for engine in ENGINES:
@@ -198,11 +201,11 @@ def gradients(built: Built, steps: int = 100) -> Rows:
         yield row(f"forward, {what}", *(1e6 * each / steps for each in alone), unit="us/step")
 
 
-def steps(built: Built, names: tuple[str, ...] = tuple(STEPS), how: str = "") -> Rows:
+def steps(small: bool, names: tuple[str, ...] = tuple(STEPS), how: str = "") -> Rows:
     """Steps on both engines."""
     for name in names:
         try:
-            case, scene, state = built(name)
+            case, (scene, state) = case_of(name, small), built(name, small)
             with jax.enable_x64(case.dtype == "float64"):
                 answers = [measure(case, (on(scene, engine), state)) for engine in ENGINES]
             particles = answers[0]["particles"] * case.batch
@@ -240,13 +243,13 @@ def transfers_of(grid: mpm.Grid, kernel: mpm.Kernel) -> dict[str, Callable[..., 
     }
 
 
-def transfers(built: Built) -> Rows:
+def transfers(small: bool) -> Rows:
     """Each transfer of a step alone, of the refined slope in both dtypes and by other shape functions, and in 2D."""
-    gimp = built("refined")[1].numerics.kernel
+    gimp = built("refined", small)[0].numerics.kernel
     asked = [("refined", gimp), ("refined, float64", gimp)]
     asked += [(name, kernel) for name in ("refined", "section") for kernel in (mpm.QuadraticBSpline(), mpm.Linear())]
     for name, kernel in asked:
-        _, scene, state = built(name)
+        scene, state = built(name, small)
         with jax.enable_x64("float64" in name):
             arrays = arrays_of(scene, state)
             for what, run in transfers_of(scene.grid, kernel).items():
@@ -261,7 +264,7 @@ def order(grid: mpm.Grid, position: jax.Array) -> jax.Array:
     return cuda._order(grid, position[None])[0].astype(position.dtype)
 
 
-def small_campaign(built: Built) -> Rows:
+def small_campaign(small: bool) -> Rows:
     """Seconds of a campaign of sections whose classes alone are asked for, its start too, and programs compiled."""
     compiled: list[float] = []
 
@@ -270,7 +273,7 @@ def small_campaign(built: Built) -> Rows:
             compiled.append(duration_secs)
 
     jax.monitoring.register_event_duration_secs_listener(listen)
-    text = scene_text(built("section")[0].scene, {"samples": 64, "screening_stop": 1.0, "fields": "none"})
+    text = scene_text(case_of("section", small).scene, {"samples": 64, "screening_stop": 1.0, "fields": "none"})
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         campaign.run(text, Path(folder) / "campaign", refined_runs=8)
@@ -279,7 +282,7 @@ def small_campaign(built: Built) -> Rows:
     yield row("seconds that they took", sum(compiled), unit="s")
 
 
-PARTS: dict[str, Callable[[Built], Rows]] = {
+PARTS: dict[str, Callable[[bool], Rows]] = {
     "accuracy": accuracy,
     "repeats": repeats,
     "memory": memory,
@@ -287,7 +290,7 @@ PARTS: dict[str, Callable[[Built], Rows]] = {
     "steps": steps,
     "transfers": transfers,
     "campaign": small_campaign,
-    "graphs": lambda built: steps(built, ("rough", "section"), "as one CUDA graph, "),
+    "graphs": lambda small: steps(small, ("rough", "section"), "as one CUDA graph, "),
 }
 
 
@@ -299,7 +302,7 @@ def main() -> None:
     parser.add_argument("--small", action="store_true", help="scenes that a CPU runs in seconds")
     arguments = parser.parse_args()
     made = {"card": jax.devices()[0].device_kind, "jax": jax.__version__}
-    for each in PARTS[arguments.part](partial(built, small=arguments.small)):
+    for each in PARTS[arguments.part](arguments.small):
         with arguments.rows.open("a") as rows:
             rows.write(json.dumps(each | made) + "\n")
 

@@ -54,7 +54,7 @@ CUDA=on
 part configure 30 build cmake -S . -B build/on_gpu -DCMAKE_BUILD_TYPE=Release "-DPython_EXECUTABLE=$PYTHON" \
   -DJAXMPM_INSTRUCTIONS=native -DJAXMPM_CUDA=$CUDA &&
   part build 170 build cmake --build build/on_gpu --parallel || { tail -40 "$OUT/build.log"; exit 1; }
-cp build/on_gpu/libjaxmpm_*.so jaxmpm/transfer/native/
+install build/on_gpu/libjaxmpm_*.so jaxmpm/transfer/native/ # not cp, which would write into a library that runs
 
 export XLA_PYTHON_CLIENT_PREALLOCATE=false # several processes use the card
 rows accuracy 110 checks &

@@ -3,7 +3,6 @@
 import json
 import shutil
 import subprocess
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from benchmarks.speed.on_gpu_rows import row
 from jaxmpm.transfer import native_available
 from tests import ROOT
 
-SMALL = partial(on_gpu.built, small=True)
 needs_native = pytest.mark.skipif(not native_available(), reason="native kernels were not built")
 
 
@@ -73,7 +71,7 @@ def test_steps_compare_the_engines_and_a_case_that_fails_leaves_the_others(monke
         return sound(case, built)
 
     monkeypatch.setattr(on_gpu, "measure", measure)
-    failed, measured = on_gpu.steps(SMALL, ("refined", "section, 256 lanes"))
+    failed, measured = on_gpu.steps(True, ("refined", "section, 256 lanes"))
     assert failed == {"what": "step, refined: out of memory", "result": "fail"}
     assert asked[1:] == list(on_gpu.ENGINES)
     assert measured["particles"] == 3 * 888
