@@ -275,12 +275,14 @@ def small_campaign(small: bool) -> Rows:
             compiled.append(duration_secs)
 
     jax.monitoring.register_event_duration_secs_listener(listen)
-    plan = {"samples": 64, "refined_runs": 10, "screening_stop": 1.0, "fields": "none"}
+    plan = {"samples": 12 if small else 64, "refined_runs": 10, "screening_stop": 1.0, "fields": "none"}
     text = scene_text(case_of("section", small).scene, plan)
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         campaign.run(text, Path(folder) / "campaign")
-        yield row("campaign of a section, 64 rough and 10 refined runs", time.perf_counter() - start, unit="s")
+        yield row(
+            f"campaign of a section, {plan['samples']} rough and 10 refined runs", time.perf_counter() - start, unit="s"
+        )
     yield row("programs that it compiled or read", len(compiled))
     yield row("seconds that they took", sum(compiled), unit="s")
 
