@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -149,6 +150,9 @@ def _bicgstab(
 ) -> tuple[Array, None]:
     """Biconjugate gradients, stabilised; that of JAX transposes the matrix once more.
 
+    They begin again from the best solution so far where the residual has grown far beyond its own, or no longer has a
+    part along the first one: rounding has taken over then.
+
     Source: van der Vorst (1992), SIAM Journal on Scientific and Statistical Computing 13, 631-644,
     doi:10.1137/0913035.
 
@@ -161,34 +165,51 @@ def _bicgstab(
         maxiter: largest number of iterations.
 
     Returns:
-        The solution, and None.
+        The best solution, and None.
     """
-    Vectors = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
+    rounding, one, zero = jnp.finfo(right.dtype).eps, jnp.ones((), right.dtype), jnp.zeros_like(right)
 
-    def goes_on(now: Vectors) -> Array:
-        _, residual, *_, count = now
-        return (jnp.vdot(residual, residual) > atol**2) & (count < maxiter) & (count >= 0)
+    class Now(NamedTuple):
+        solution: Array
+        residual: Array
+        shadow: Array
+        alpha: Array
+        omega: Array
+        rho: Array
+        p: Array
+        q: Array
 
-    def iteration(now: Vectors) -> Vectors:
-        solution, residual, alpha, omega, rho, p, q, count = now
-        rho, before = jnp.vdot(right, residual), rho
-        p = residual + rho / before * alpha / omega * (p - omega * q)
+    def begun(solution: Array, residual: Array) -> Now:
+        return Now(solution, residual, residual, one, one, one, zero, zero)
+
+    def goes_on(carried: tuple[Now, Array, Array, Array]) -> Array:
+        _, _, least, number = carried
+        return (jnp.vdot(least, least) > atol**2) & (number < maxiter)
+
+    def iteration(carried: tuple[Now, Array, Array, Array]) -> tuple[Now, Array, Array, Array]:
+        now, best, least, number = carried
+        rho = jnp.vdot(now.shadow, now.residual)
+        p = now.residual + rho / now.rho * now.alpha / now.omega * (now.p - now.omega * now.q)
         along = M(p)
         q = matrix(along)
-        alpha = rho / jnp.vdot(right, q)
-        half = residual - alpha * q
+        alpha = rho / jnp.vdot(now.shadow, q)
+        half = now.residual - alpha * q
         early = jnp.vdot(half, half) < atol**2
         beside = M(half)
         t = matrix(beside)
         omega = jnp.vdot(t, half) / jnp.vdot(t, t)
-        solution = solution + alpha * along + jnp.where(early, 0, omega * beside)
+        solution = now.solution + alpha * along + jnp.where(early, 0, omega * beside)
         residual = jnp.where(early, half, half - omega * t)
-        broken = (rho == 0) | (~early & (omega == 0)) | (alpha == 0)
-        return solution, residual, alpha, omega, rho, p, q, jnp.where(broken, -1, count + 1)
+        size, smallest = jnp.linalg.norm(residual), jnp.linalg.norm(least)
+        best, least = (jnp.where(size < smallest, new, old) for new, old in ((solution, best), (residual, least)))
+        along_first = jnp.abs(jnp.vdot(now.shadow, residual)) > rounding * size * jnp.linalg.norm(now.shadow)
+        sound = along_first & (size <= GROWN * smallest) & (alpha != 0) & (omega != 0)
+        after = Now(solution, residual, now.shadow, alpha, omega, rho, p, q)
+        now = jax.tree.map(partial(jnp.where, sound), after, begun(best, least))
+        return now, best, least, number + 1
 
-    one, zero = jnp.ones((), right.dtype), jnp.zeros_like(right)
-    start = zero, right, one, one, one, zero, zero, jnp.zeros((), jnp.int32)
-    return jax.lax.while_loop(goes_on, iteration, start)[0], None
+    start = begun(zero, right), zero, right, jnp.zeros((), jnp.int32)
+    return jax.lax.while_loop(goes_on, iteration, start)[1], None
 
 
 def _sticking(scene: Scene) -> Scene:
@@ -219,6 +240,9 @@ def _gaps_at_rest(scene: Scene) -> Array | None:
     mass = Maps(scene, scene.particles.position).to_grid(scene.particles.mass[None], None)
     return gaps(scene, mass[:, 0])
 
+
+GROWN = 1e3
+"""Growth of the residual over its least at which biconjugate gradients begin again."""
 
 RESIDUAL = 1e-3
 """Largest unbalanced share of the load."""
