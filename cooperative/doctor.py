@@ -109,7 +109,19 @@ def transferred(
     *,
     engine: mpm.Engine,
 ) -> dict[str, Any]:
-    """What particles give to nodes, the values and gradients that they read there, and both derived by the position."""
+    """What particles give to nodes, the values and gradients that they read there, and both derived by the position.
+
+    Args:
+        grid: of the nodes.
+        kernel: shape functions.
+        position: (d, N) m.
+        rows: carried (1 + d, N) and stress (d (d + 1) / 2, N), as `jaxmpm.transfer.p2g` takes them.
+        nodal: (nodes, 1 + 2 d), which particles read, and by which sums are weighted where they are derived.
+        engine: of the transfers.
+
+    Returns:
+        Arrays by name: sums, gathers, derivatives.
+    """
 
     def both(position: jax.Array) -> Any:
         read = {"values": nodal.shape[-1], "gradients": grid.dimension}
@@ -121,13 +133,29 @@ def transferred(
 
 
 def apart(computed: Any, expected: Any) -> float:
-    """Largest difference of arrays over the largest value of the same array."""
+    """Largest difference of arrays over the largest value of the same array.
+
+    Args:
+        computed: arrays, in any structure.
+        expected: likewise.
+
+    Returns:
+        The largest of all arrays.
+    """
     pairs = zip(jax.tree.leaves(computed), jax.tree.leaves(expected), strict=True)
     return max(float(np.abs(np.asarray(a) - np.asarray(b)).max() / np.abs(b).max()) for a, b in pairs)
 
 
 def off_kinks(rng: np.random.Generator, places: np.ndarray) -> np.ndarray:
-    """Coordinates in cells, moved within quarters of a cell to where no shape function has a kink within rounding."""
+    """Coordinates moved within quarters of a cell to where no shape function has a kink within rounding.
+
+    Args:
+        rng: draws the places in their quarters.
+        places: coordinates, in cells.
+
+    Returns:
+        Likewise.
+    """
     return (np.floor(4 * places) + rng.uniform(0.1, 0.9, places.shape)) / 4
 
 
