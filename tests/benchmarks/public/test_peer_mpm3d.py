@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxmpm as mpm
+from benchmarks.measure import Refused
 from benchmarks.public import peer_mpm3d
 from benchmarks.public.peer_mpm3d import Case
 
@@ -58,10 +59,12 @@ def test_the_input_holds_the_slice_with_a_cell_beyond_its_walls():
 def test_a_program_that_is_missing_fails_or_rounds_is_refused(tmp_path):
     with pytest.raises(ValueError, match="give --binary PATH"):
         peer_mpm3d.run(quick=True)
-    with pytest.raises(ValueError, match="is no file: give the program"):
+    with pytest.raises(ValueError, match="is no program: give the one"):
         peer_mpm3d.theirs(CASES[0], tmp_path / "none")
     broken = tmp_path / "broken"
     broken.write_text("#!/bin/sh\necho material\nexit 3\n")
+    with pytest.raises(Refused, match="is no program: give the one"):
+        peer_mpm3d.theirs(CASES[0], broken)
     broken.chmod(0o755)
     with pytest.raises(ValueError, match="ended with 3 on GIMP, MUSL, J2: material"):
         peer_mpm3d.theirs(CASES[0], broken)

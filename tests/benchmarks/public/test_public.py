@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import jaxmpm as mpm
 from benchmarks import results
 from benchmarks.__main__ import main
+from benchmarks.measure import Refused
 from benchmarks.public import dam_breaks, elastic, public, rows, slopes
 from benchmarks.public.rows import row, without_answer
 from jaxmpm.run._limit_load import find_kink, limit_load_scene
@@ -25,11 +26,23 @@ def test_data_are_named_by_the_command_or_the_environment(tmp_path, monkeypatch)
     monkeypatch.delenv(public.VARIABLE, raising=False)
     with pytest.raises(ValueError, match="give --data FOLDER or set JAXMPM_PUBLIC"):
         public.folder(None)
-    with pytest.raises(ValueError, match="has no folder `cantilever`"):
-        public.folder(tmp_path)
-    (tmp_path / "cantilever").mkdir()
+    with pytest.raises(Refused, match="none is no folder: give the one that holds one folder a case"):
+        public.folder(tmp_path / "none")
     monkeypatch.setenv(public.VARIABLE, str(tmp_path))
     assert public.folder(None) == tmp_path
+
+
+def test_a_command_that_asks_for_what_is_not_there_is_refused_in_a_line(tmp_path, monkeypatch, capsys):
+    asked = {
+        "cbgeo": "cases.json of the case cbgeo is missing: docs/notes/verification.md names its source",
+        "zz": "--only zz: no case begins so, give beginnings of cantilever 0.25",
+    }
+    monkeypatch.setattr(rows, "ROOT", tmp_path)
+    for case, message in asked.items():
+        monkeypatch.setattr(sys, "argv", ["benchmarks", "public", "--data", str(tmp_path), "--only", case])
+        with pytest.raises(SystemExit):
+            main()
+        assert message in capsys.readouterr().err
 
 
 def test_a_benchmark_without_data_of_others_refuses_them(monkeypatch, capsys):
