@@ -62,7 +62,8 @@ def test_where_lanes_stand_on_devices_their_memory_decides(count, monkeypatch):
     check_size(paper)
     lent["bytes_limit"] = needed - 1
     with pytest.raises(
-        ValueError, match=rf"{64 * count} and {count} lanes take some .* GB, each NVIDIA H200 lends .* GB: .*XLA_CLIENT_MEM"
+        ValueError,
+        match=rf"{64 * count} and {count} lanes take some .* GB, each NVIDIA H200 lends .* GB: .*XLA_CLIENT_MEM",
     ):
         check_size(paper)
     with pytest.raises(ValueError, match=r"in 4 workers take some .* GB, this machine lends .* GB: "):
