@@ -159,12 +159,14 @@ def _of_ends(campaign: Campaign) -> Iterator[str]:
     last = campaign.run.last("refined")
     for soil in [layer.layer.soil for layer in campaign.site.layers] or [campaign.soil]:
         if (loss := getattr(soil, "loss_time", None)) and loss > last:
-            share = f"{100 * last / loss:.0f} % of the strength that it loses"
-            yield f"loss_time = {loss:g} s, beyond the {last:g} s at which runs end: soil has lost {share} by then"
+            yield (
+                f"loss_time = {loss:g} s, beyond the {last:g} s at which runs end, when {100 * last / loss:.0f} % of "
+                f"the loss has come: give t_end = {loss:g} or more"
+            )
     if campaign.runout_thickness >= campaign.site.height:
         yield (
             f"runout_thickness = {campaign.runout_thickness:g} m, no less than the slope's height of "
-            f"{campaign.site.height:.3g} m: no deposit is so thick, and run-outs are 0"
+            f"{campaign.site.height:.3g} m: no deposit is so thick, and run-outs are 0; give less, or leave it out"
         )
 
 

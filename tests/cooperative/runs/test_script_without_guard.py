@@ -59,8 +59,8 @@ def test_a_library_that_guards_its_start_is_left_to_do_so(tmp_path, monkeypatch)
     (tmp_path / "guarding.py").write_text(STARTS.format("def start():\n    if __name__:\n        ", 2))
     monkeypatch.syspath_prepend(tmp_path)
     script = tmp_path / "script.py"
-    script.write_text("import guarding\nguarding.start()\n")
-    runpy.run_path(str(script), run_name="__main__")
+    script.write_text("import guarding\nguarding.start()\nwent_on = True\n")
+    assert runpy.run_path(str(script), run_name="__main__")["went_on"]
 
 
 @pytest.mark.slow

@@ -73,7 +73,7 @@ def test_a_loss_beyond_the_end_and_a_front_thicker_than_the_slope_are_remarked()
     end = parse(DEMO).run.last("refined")
     assert list(remarks(parse(slow.format(end)))) == []
     [remark] = remarks(parse(slow.format(4 * end)))
-    assert f"beyond the {end:g} s at which runs end: soil has lost 25 % of the strength that it loses by then" in remark
+    assert f"beyond the {end:g} s at which runs end, when 25 % of the loss has come: give t_end = {4 * end:g}" in remark
 
 
 def test_a_displacement_that_is_none_a_low_slope_and_layers_of_one_name_are_remarked():
