@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
 import platform
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 import jax
@@ -27,6 +29,8 @@ from cooperative.store import write_aside
 
 ROOT = Path(__file__).resolve().parent.parent
 Case = TypeVar("Case")
+Source = Callable[..., object] | ModuleType | Path
+"""What a file of code or data is told by: a function or module that stands in it, or its path."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,11 @@ def code_digest(*texts: str, folders: Iterable[str] = ("jaxmpm", "kl", "cooperat
             if path.suffix in (".py", ".so"):
                 digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def sources(*made: Source) -> list[str]:
+    """Texts of files, for `code_digest`."""
+    return [(one if isinstance(one, Path) else Path(inspect.getfile(one))).read_text() for one in made]
 
 
 class Refused(ValueError):

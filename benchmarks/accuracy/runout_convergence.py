@@ -25,6 +25,7 @@ from matplotlib.colors import TABLEAU_COLORS
 
 from benchmarks.accuracy.runout_slides import (
     LONG_TOE,
+    SLIDES,
     STATION,
     Row,
     Tables,
@@ -35,7 +36,7 @@ from benchmarks.accuracy.runout_slides import (
     sand,
     terrain,
 )
-from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.measure import ROOT, Report, code_digest, sources, stored_row
 from cooperative.reporting import panels, save
 from jaxmpm.laws import DruckerPrager
 
@@ -77,17 +78,6 @@ CASES = {
         (1, 0.5, 0.25, 0.125), 0.25, lambda c: of_scene("sites/retrogression_5m", c, changes=SHORTER).row(), BLOCKS
     ),
     "retrogression_buoyant": Case((1, 0.5, 0.25, 0.125), 0.25, retrogression, BLOCKS),
-    # Of remoulded clay: the largest measured by Locat and Demers (1988), and their range extended to the liquid limit.
-    "retrogression_buoyant_0.2": Case((1, 0.5, 0.25, 0.125), 0.25, partial(retrogression, viscosity=0.2), BLOCKS),
-    "retrogression_buoyant_2.5": Case((1, 0.5, 0.25, 0.125), 0.25, partial(retrogression, viscosity=2.5), BLOCKS),
-    # Of smoothed particles 0.1 m apart, by an artificial viscosity of 0.1: Monaghan (2005), 10.1088/0034-4885/68/8/R01.
-    "retrogression_buoyant_400": Case((1, 0.5, 0.25), 0.25, partial(retrogression, viscosity=400.0), BLOCKS),
-    # Strength that grows by a tenth with each tenfold rate, and that a strain of 10 takes, not 0.6: both of Einav and
-    # Randolph (2005), 10.1002/nme.1350.
-    "retrogression_buoyant_rate": Case((1, 0.5, 0.25), 0.25, partial(retrogression, rate_coefficient=0.1), BLOCKS),
-    "retrogression_buoyant_remoulding": Case(
-        (1, 0.5, 0.25), 0.25, partial(retrogression, strain_95=10.0, unusual=True), BLOCKS
-    ),
     "terrain": Case((24, 12, 6, 3), 12.0, terrain),
     # On cells of 4 m, three over its height, it stands.
     "slope_3d_1.2": Case((2, 1, 0.5), 2.0, lambda c: half_slope(c).row(), BANDS),
@@ -140,7 +130,7 @@ def rows_of(name: str, case: Case, stopped: bool) -> tuple[list[Row], bool]:
         case: whose rows.
         stopped: make none, and take those before the first that is missing.
     """
-    folder = ROOT / "out" / "runout_convergence" / code_digest()
+    folder = ROOT / "out" / "runout_convergence" / code_digest(*sources(rows_of, *SLIDES))
     rows: list[Row] = []
     for cell in case.cells:
         row = f"{name} {cell:g}"
@@ -158,11 +148,10 @@ def rows_of(name: str, case: Case, stopped: bool) -> tuple[list[Row], bool]:
 def draw(rows: list[Row], folder: Path) -> None:
     """Error of the run-out against the cell, over the default one, and against seconds; a line per case.
 
-    The error is the larger of both run-outs, over the finest cells. Clay in buoyant weight whose viscosity is given has
-    no line, nor has sand that starts with noise.
+    The error is the larger of both run-outs, over the finest cells. Sand that starts with noise has no line.
     """
     figure, (left, right) = panels(1, 2, size=(4.6, 3.4))
-    shown = [name for name in CASES if "buoyant_" not in name and "start_" not in name]
+    shown = [name for name in CASES if "start_" not in name]
     of_case = {name: [row for row in rows if row["case"] == name] for name in shown}
     for number, (name, case_rows) in enumerate(of_case.items()):
         names = [quantity for quantity in RUN_OUTS if quantity in case_rows[-1]]

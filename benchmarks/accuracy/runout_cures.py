@@ -24,8 +24,8 @@ import numpy as np
 
 from benchmarks.accuracy.collapse import DEFAULTS, Numerics
 from benchmarks.accuracy.runout_convergence import RUN_OUTS
-from benchmarks.accuracy.runout_slides import LONG_TOE, Slide, Tables, clay_dam, column, of_scene
-from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.accuracy.runout_slides import LONG_TOE, SLIDES, Slide, Tables, clay_dam, column, of_scene
+from benchmarks.measure import ROOT, Report, code_digest, sources, stored_row
 from jaxmpm import GIMP, QuadraticBSpline, Scheme, diagnostics, solve
 
 PAIRS, STEPS = 5, 200
@@ -165,7 +165,7 @@ def run(quick: bool) -> Report:
         dam = CASES["clay dam"]
         table = [{"case": "clay dam", "cure": tried} | row(dam, cure, dam.cells[:2]) for tried, cure in CURES.items()]
     else:
-        folder = ROOT / "out" / "runout_cures" / code_digest()
+        folder = ROOT / "out" / "runout_cures" / code_digest(*sources(row, *SLIDES))
         table = [
             {"case": name, "cure": tried}
             | stored_row(folder, f"{name}, {tried.replace('/', ' over ')}", partial(row, case, cure, case.cells))

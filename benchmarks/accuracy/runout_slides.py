@@ -10,6 +10,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ import numpy as np
 
 import jaxmpm as mpm
 from benchmarks.accuracy.collapse import DEFAULTS, GRAVITY, Criterion, Numerics, collapse
-from benchmarks.measure import ROOT
+from benchmarks.measure import ROOT, Source
 from benchmarks.sites import sites_retrogression, sites_terrain
 from cooperative.measure import consequences
 from cooperative.scene import Campaign, parse, to_toml
@@ -31,6 +32,15 @@ Tables = Mapping[str, Mapping[str, object]]
 NONE: Tables = {}
 LONG_TOE: Tables = {"slope": {"toe": 80.0}}
 SCENES = ROOT / "benchmarks" / "scenes"
+SLIDES: tuple[Source, ...] = (
+    Path(__file__),
+    collapse,
+    sites_retrogression,
+    sites_terrain,
+    *(SCENES / f"{name}.toml" for name in ("section", "slope")),
+    *sorted((SCENES / "sites").glob("retrogression_5m*.toml")),
+)
+"""What slides are made of, for `benchmarks.measure.sources`."""
 STATION = 2.0
 """Width (m) of the stations at which thicknesses of deposits are compared."""
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measure import ROOT, code_digest
+from benchmarks.measure import ROOT, code_digest, sources
 
 Row = dict[str, Any]
 
@@ -63,5 +62,4 @@ def without_answer(case: str, why: str = "not run") -> Row:
 
 def stored(family: Callable[..., object]) -> Path:
     """Folder of what a family has made, by the code that makes it: a change of another family leaves it."""
-    code = [Path(inspect.getfile(made)).read_text() for made in (family, without_answer)]
-    return ROOT / "out" / "public" / code_digest(*code)
+    return ROOT / "out" / "public" / code_digest(*sources(family, without_answer))

@@ -19,7 +19,7 @@ import numpy as np
 
 import jaxmpm as mpm
 from benchmarks.accuracy.runout_slides import thick_front
-from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.measure import ROOT, Report, code_digest, sources, stored_row
 from jaxmpm.laws import DruckerPrager
 
 SHAPE = mpm.Slope(crest=30.0, height=20.0, run_per_rise=1.0, toe=60.0, foundation=15.0)
@@ -87,7 +87,7 @@ def slid(cell: float, *, average: bool, associated: bool, cutoff: bool, at_rest:
 
 def run(quick: bool) -> Report:
     """All slides; `quick` on the coarsest cells."""
-    folder = ROOT / "out" / "averaged_friction" / code_digest()
+    folder = ROOT / "out" / "averaged_friction" / code_digest(*sources(run, thick_front))
     cases: list[dict[str, Any]] = [
         {"cell": cell, "average": average, "associated": associated, "cutoff": cutoff, "at_rest": at_rest}
         for cell in (CELLS[:1] if quick else CELLS[:-1])

@@ -31,22 +31,22 @@ READINGS = ("retrogression_5m", "retrogression_5m_divided")
 """Scenes whose strength is 15.1 kPa once it slides, and 15.1 kPa over 1.65."""
 
 PUBLISHED = {"runout_m": 21.6, "retrogression_m": 14.0, "slides": 3}
-CREST, TOE, HEIGHT = 20.0, 25.0, 5.0
-LETS_GO = 0.5
-"""Displacement (m) from which on soil has let go: a tenth of the height."""
+LETS_GO = 0.1
+"""Displacement from which on soil has let go, over the height."""
 
 EVERY = 0.1
 """Seconds between looks."""
 
 
-def slides(onset: np.ndarray, gravity: float = 9.81) -> int:
+def slides(onset: np.ndarray, gravity: float = 9.81, height: float = 5.0) -> int:
     """How many slides took the ground behind the crest, from the times (n,) s at which its columns let go, in their
     order from the crest backwards; inf where one stands.
 
-    Neighbours that let go within the time of a fall through the height under this gravity (m/s2) belong to one slide.
+    Neighbours that let go within the time of a fall through the height (m) under this gravity (m/s2) belong to one
+    slide.
     """
     gone = onset[np.isfinite(onset)]
-    pause = math.sqrt(2 * HEIGHT / gravity)
+    pause = math.sqrt(2 * height / gravity)
     return int(gone.size > 0) + int((np.abs(np.diff(gone)) > pause).sum())
 
 
@@ -68,16 +68,19 @@ def slide(scene_name: str, cell: float) -> dict[str, float | str]:
 def slid(campaign: Campaign, grid: str) -> dict[str, float | str]:
     """The slide of a campaign's mean soil on one of its grids."""
     cell = campaign.grids[grid].cell
+    assert isinstance(campaign.site.shape, mpm.Section)
+    (_, height), (crest, _), (toe, _), *_ = campaign.site.shape.surface
+    lets_go = LETS_GO * height
     start = time.perf_counter()
     scene, state = built(campaign, grid)
     looks = (np.arange(1, round(campaign.run.t_end / EVERY)) * EVERY).tolist()
     result = mpm.solve(scene, state, t_end=campaign.run.t_end, snapshots=looks).raise_if_failed()
     position, volume = np.asarray(scene.particles.position, float), np.asarray(scene.particles.volume, float)
-    motion = ReleaseHistory.start(volume, LETS_GO)
+    motion = ReleaseHistory.start(volume, lets_go)
     for at, seen in zip((*result.times, campaign.run.t_end), (*result.snapshots, result.state), strict=True):
         motion = motion.after(at, np.linalg.norm(np.asarray(seen.displacement), axis=0))
     distance = np.asarray(result.state.displacement, float)
-    level = OpenGround(np.full(volume.size, HEIGHT))
+    level = OpenGround(np.full(volume.size, height))
     answer = consequences(
         position,
         distance,
@@ -85,27 +88,27 @@ def slid(campaign: Campaign, grid: str) -> dict[str, float | str]:
         level,
         half_size=np.full(2, cell / 4),
         reach=1.5 * cell,
-        failure_displacement=LETS_GO,
-        runout_thickness=HEIGHT / 10,
+        failure_displacement=lets_go,
+        runout_thickness=height / 10,
     )
     # The top row of particles behind the crest, from there backwards.
-    top = np.flatnonzero((position[0] < CREST) & (position[1] > HEIGHT - cell / 2))
+    top = np.flatnonzero((position[0] < crest) & (position[1] > height - cell / 2))
     onset = motion.onset[top[np.argsort(-position[0, top])]]
-    gone = np.asarray(motion.moved) >= LETS_GO
-    rear = float(position[0, gone].min()) - cell / 4 if gone.any() else CREST
-    behind = TOE - rear if gone.any() else 0.0  # run-outs are from where the slide ends, of one that stands 0
+    gone = np.asarray(motion.moved) >= lets_go
+    rear = float(position[0, gone].min()) - cell / 4 if gone.any() else crest
+    behind = toe - rear if gone.any() else 0.0  # run-outs are from where the slide ends, of one that stands 0
     x = (position + distance)[0]
-    front, front_of_slid = _where(x, volume, 0.99), _where(x[gone], volume[gone], 0.95) if gone.any() else TOE
+    front, front_of_slid = _where(x, volume, 0.99), _where(x[gone], volume[gone], 0.95) if gone.any() else toe
     return {
         "cell_m": cell,
         "particles": volume.size,
         "strength_kpa": campaign.random["strength"].mean / 1e3,
         "runout_m": round(answer.runout - behind, 2),
         "runout_foremost_m": round(answer.runout_foremost - behind, 2),
-        "runout_of_99_percent_m": round(front - TOE, 2),
-        "runout_of_95_percent_m": round(front_of_slid - TOE, 2),
-        "retrogression_m": round(CREST - rear, 2),
-        "slides": slides(onset, campaign.run.gravity),
+        "runout_of_99_percent_m": round(front - toe, 2),
+        "runout_of_95_percent_m": round(front_of_slid - toe, 2),
+        "retrogression_m": round(crest - rear, 2),
+        "slides": slides(onset, campaign.run.gravity, height),
         "published": ", ".join(f"{name} {value:g}" for name, value in PUBLISHED.items()),
         "seconds": round(time.perf_counter() - start, 1),
     }

@@ -23,11 +23,10 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jaxmpm as mpm
-from benchmarks.measure import ROOT, Report, code_digest, stored_row
+from benchmarks.measure import ROOT, Report, code_digest, sources, stored_row
 from benchmarks.sites.slopes import Case, cases, special_cases
 from benchmarks.speed.leave_out import microseconds
 from cooperative.runs import cores_to_use, process_pool
@@ -132,7 +131,7 @@ def run(quick: bool) -> Report:
     """All slopes on their cells, and two of them with every cure on the coarse ones; `quick` takes those alone, without
     cures."""
     all_cases = [*cases(), *special_cases()]
-    folder = ROOT / "out" / "stability_of_slopes" / code_digest((Path(__file__).parent / "slopes.py").read_text())
+    folder = ROOT / "out" / "stability_of_slopes" / code_digest(*sources(run, cases))
     locked = [(case, case.cells[0]) for case in all_cases if case.name in LOCKED and not quick]
     with process_pool(len(cores_to_use())) as pool:
 

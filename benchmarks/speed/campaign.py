@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import ROOT, Report, code_digest
+from benchmarks.measure import ROOT, Report, code_digest, sources
 from benchmarks.speed.class_runs import refined_runs_needed
 from cooperative import campaign
 from cooperative.reporting import progress_of
@@ -71,7 +71,7 @@ def run(quick: bool) -> Report:
     """Run what is left of the stages; figures of those that have ended."""
     cores = len(cores_to_use())
     texts = {name: scene_text(stage.scene[quick], PLAN | {"slides": stage.slides}) for name, stage in STAGES.items()}
-    folder = ROOT / "out" / "campaign" / code_digest(*texts.values())
+    folder = ROOT / "out" / "campaign" / code_digest(*texts.values(), *sources(run))
     result: dict[str, dict[str, Any]] = {}
     try:
         with stop_by_signals():

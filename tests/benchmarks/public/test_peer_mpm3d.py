@@ -70,3 +70,19 @@ def test_a_program_that_is_missing_fails_or_rounds_is_refused(tmp_path):
         peer_mpm3d.theirs(CASES[0], broken)
     with pytest.raises(ValueError, match="too few digits"):
         peer_mpm3d.pictures('ZONE T="time 0.2E+01"\n  0.5040E+00  0.5000E+00  0.4941E+00\n')
+
+
+def test_a_slide_that_ends_in_no_time_is_compared_before(tmp_path, monkeypatch):
+    # Gives the positions at the start and after a second, and does not reach the fourth.
+    program = tmp_path / "stalls"
+    zone = r"'ZONE\n  0.5040000000000000E+00  0.5 0.4941\n  0.5040000000000000E+00  1.5 0.4941\n'"
+    program.write_text(
+        f"#!/bin/sh\ngrep -q 'endtime 1$' slope.mpm || exec sleep 60\nprintf {zone}{zone} > slope_anim.dat\n"
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr(peer_mpm3d, "LONGEST", 0.5)
+    case = Case("linear", mpm.Scheme.USL, "J2", SHAPE, times=(1.0, 2.0, 4.0))
+    assert peer_mpm3d.theirs(case, program).tolist() == [[[0.504], [0.4941]]]
+    program.write_text("#!/bin/sh\nexec sleep 60\n")
+    with pytest.raises(Refused, match=r"takes over 0\.5 s to 1 s of linear, USL, J2"):
+        peer_mpm3d.theirs(case, program)
