@@ -11,6 +11,7 @@ stress cannot, so that it glides on for ever.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
@@ -317,14 +318,44 @@ def _mass(
     count = now.shape[1]
     if reach is None:
         return before, now, np.ones(count, bool)
+    share = np.bincount(group := _joined(now, reach), volume[sliding]) / volume[sliding].sum()
+    return before, now, (share >= min(SMALLEST_SHARE, share.max()))[group]
+
+
+def _joined(points: np.ndarray, reach: float) -> np.ndarray:
+    """Number (n,) of the group of each point (d, n) m, joined by chains whose links are at most `reach` long (m).
+
+    Points in boxes that share a face are joined without a look at their distance, which no such pair exceeds: that
+    leaves few to search.
+    """
     from scipy.sparse import coo_array  # these load what only slides need
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    links = cKDTree(now.T).query_pairs(reach, output_type="ndarray").T
-    _, group = connected_components(coo_array((np.ones(links.shape[1], bool), tuple(links)), shape=(count, count)))
-    share = np.bincount(group, volume[sliding]) / volume[sliding].sum()
-    return before, now, (share >= min(SMALLEST_SHARE, share.max()))[group]
+    def components(pairs: np.ndarray, count: int) -> np.ndarray:
+        links = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(count, count))
+        return connected_components(links, directed=False)[1]
+
+    d = len(points)
+    edge = (1 - 1e-9) * reach / math.sqrt(d + 3)  # two boxes side by side have a diagonal of `reach`
+    place = np.array([_without_gaps(np.floor(along / edge)) for along in points])
+    shape = place.max(axis=1) + 2  # the box behind the last is empty
+    boxes, group = np.unique(np.ravel_multi_index(tuple(place), tuple(shape)), return_inverse=True)
+    ahead = boxes + np.array([math.prod(shape[axis + 1 :]) for axis in range(d)])[:, None]
+    there = np.minimum(np.searchsorted(boxes, ahead), boxes.size - 1)
+    _, behind = found = np.nonzero(boxes[there] == ahead)
+    group = components(np.stack([behind, there[found]]), boxes.size)[group]
+    rest = np.flatnonzero(group != np.bincount(group).argmax())
+    if rest.size:
+        near = cKDTree(points[:, rest].T).sparse_distance_matrix(cKDTree(points.T), reach, output_type="ndarray")
+        group = components(np.stack([group[rest[near["i"]]], group[near["j"]]]), group.max() + 1)[group]
+    return group
+
+
+def _without_gaps(numbers: np.ndarray) -> np.ndarray:
+    """Whole numbers (n,) from 0 on, in the same order: those in succession stay so, other gaps become 2."""
+    known, place = np.unique(numbers, return_inverse=True)
+    return np.cumsum(np.minimum(np.diff(known, prepend=known[0]), 2)).astype(np.int64)[place]
 
 
 def overlapped_slices(

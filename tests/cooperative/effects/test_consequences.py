@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cooperative.measure import OpenGround, Track, consequences, walls_reached
+from cooperative.measure._consequences import _joined
 from jaxmpm import Face
 
 # Crest level 16 m, toe at x = 54 m and z = 4 m, as in the published slope.
@@ -308,3 +309,25 @@ def test_walls_that_a_slide_reached_or_left_are_named():
     assert reached(3, 9, 9.5) == "x = 20 m"
     assert reached(0, 9, 9.5) == "x = 0 m; x = 20 m"
     assert reached(0, 9, 0.5) == ""
+
+
+@given(
+    points=st.integers(2, 3).flatmap(
+        lambda d: st.lists(
+            st.tuples(*[st.floats(-3, 3) | st.integers(-6, 6).map(lambda n: n / 2) | st.just(1e12)] * d),
+            min_size=1,
+            max_size=30,
+        )
+    ),
+    reach=st.sampled_from([0.5, 1.0, 1.5]),
+)
+def test_groups_are_those_of_all_pairs_within_reach(points, reach):
+    points = np.array(points).T
+    apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=0)
+    # A pair apart by the reach itself, but for rounding, may hang together or not.
+    assume(not (np.isclose(apart, reach, rtol=1e-8) & (apart != reach)).any())
+    joined = apart <= reach
+    for _ in points.T:
+        joined = joined @ joined
+    group = _joined(points, reach)
+    np.testing.assert_array_equal(group[:, None] == group, joined)
