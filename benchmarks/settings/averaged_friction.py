@@ -6,7 +6,7 @@ soil of 20.8 degrees and 10.4 kPa. It slides for 8 s from its stress at rest, on
 the example does. `front_m` is where the deposit is a tenth of the height thick, `foremost_m` its foremost soil, both
 beyond the toe; `retreat_m` how far behind the crest soil has moved by half a metre. `cutoff` is whether tension is cut
 off at 0, else at the apex of the cone as in the example. A slide that breaks off has no lengths. The finest cells are
-without dilation and cutoff, and those without average judge the others. Finished rows stay in out/averaged_friction.
+without dilation and cutoff; the coarsest are held against both of them. Finished rows stay in out/averaged_friction.
 """
 
 from __future__ import annotations
@@ -103,16 +103,20 @@ def run(quick: bool) -> Report:
         case | stored_row(folder, " ".join(f"{value:g}" for value in case.values()), partial(slid, **case))
         for case in cases
     ]
-    values = {f"front_coarse_over_finest_{name}": over_finest(rows, average) for name, average in NAMES.items()}
+    values = {
+        f"front_{name}_coarse_over_{judge}_finest": over_finest(rows, average, judging)
+        for name, average in NAMES.items()
+        for judge, judging in NAMES.items()
+    }
     return Report(values, rows)
 
 
 NAMES = {"averaged": True, "local": False}
 
 
-def over_finest(rows: list[dict[str, Any]], average: bool) -> float | None:
-    """Front on the coarsest cells over that on the finest, of soil without dilation and cutoff."""
+def over_finest(rows: list[dict[str, Any]], average: bool, judging: bool) -> float | None:
+    """Front on the coarsest cells over that on the finest, both averaged or not, without dilation and cutoff."""
     plain = [row for row in rows if row["at_rest"] and not row["associated"] and not row["cutoff"]]
     coarse = next(row["front_m"] for row in plain if row["average"] is average)
-    finest = plain[-1]["front_m"]
+    finest = next(row["front_m"] for row in reversed(plain) if row["average"] is judging)
     return None if coarse is None or finest is None else coarse / finest

@@ -31,7 +31,7 @@ CLAYS: dict[str, dict[str, float]] = {
     "viscosity of 2.5 Pa s": {"viscosity": 2.5},
     "viscosity of 400 Pa s": {"viscosity": 400.0},
 }
-HIGHER: Tables = {"ground": {"surface": [[0, 8], [32, 8], [40, 0], [180, 0]]}, "run": {"failure_displacement": 0.8}}
+HIGHER: Tables = {"ground": {"surface": [[0, 8], [32, 8], [40, 0], [125, 0]]}, "run": {"failure_displacement": 0.8}}
 PUBLISHED_RUNOUT = {5: PUBLISHED["runout_m"], 8: 41.0}
 COUNTED = ("cell_m", "runout_m", "runout_foremost_m", "retrogression_m", "slides")
 CELLS = (0.5, 0.25, 0.125)
