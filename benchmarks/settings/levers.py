@@ -2,7 +2,7 @@
 
 Told from benchmarks/data/levers.csv, which `python -m benchmarks.settings.levers_runs` makes. Everything is beside four
 particles a cell at CFL 0.5 on the same grid with the same samples. The cost is steps times particles, so that it does
-not depend on what else the machine did.
+not depend on what else the machine did. Run-outs in the file are of the foremost soil.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@
 one without: of the section both are there, of the slope in 3D the runs without are the study's, the four that left the
 grid among them. `closed` is the volume that had opened at the end of some quarter of a second and was closed again at
 the end of the run (m3, of a section m2): where there is less than `FEW` of the volume that slides, nothing counts as
-closed."""
+closed. Run-outs in the file are of the foremost soil.
+"""
 
 from __future__ import annotations
 

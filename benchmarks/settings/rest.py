@@ -2,7 +2,8 @@
 
 `python -m benchmarks.settings.rest` runs what benchmarks/data/rest.csv lacks: the first failures of the section's
 refined grid, with published and with default settings, and of the published slope in 3D on its calibrated rough grid,
-each once with the rule and once without. `python -m benchmarks rest` prints what the file holds.
+each once with the rule and once without. `python -m benchmarks rest` prints what the file holds. Run-outs in it are of
+the foremost soil.
 """
 
 from __future__ import annotations
