@@ -1,5 +1,5 @@
 // CUDA on a CPU, as much of it as the engine for GPUs uses: a block's threads are fibers that take turns, warp by warp.
-// Each runs until it meets the others of its warp (`meet`) or of its block. Blocks run one after the other.
+// Each runs until it meets the others of its warp or of its block. Blocks run one after the other.
 #pragma once
 
 #include <ucontext.h>
@@ -13,6 +13,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -35,6 +36,8 @@ namespace cuda_on_cpu {
 
 constexpr int kWarp = 32;
 constexpr std::size_t kStack = 256 * 1024;
+constexpr int kMostThreads = 1024;
+constexpr int64_t kMostShared = 48 * 1024;  // bytes, without a word to the driver
 
 struct Fiber {
   ucontext_t context;
@@ -78,7 +81,8 @@ T exchanged(T own, int from) {
 }
 
 void run_block(int threads, const std::function<void()>& work);
-void run(unsigned blocks, int threads, const std::function<void()>& work);
+void run(unsigned blocks, int threads, int64_t shared, const std::function<void()>& work);
+void note_sum(const void* at);
 
 }  // namespace cuda_on_cpu
 
@@ -119,12 +123,13 @@ inline bool __syncthreads_or(bool own) {
 inline void __syncthreads() { __syncthreads_or(false); }
 template <class T>
 T atomicAdd(T* at, T value) {
+  if (std::is_floating_point_v<T> && value != 0) cuda_on_cpu::note_sum(at);
   return std::exchange(*at, *at + value);
 }
 
-#define JAXMPM_SHARED(name) alignas(16) static unsigned char name[48 * 1024]
+#define JAXMPM_SHARED(name) alignas(16) static unsigned char name[cuda_on_cpu::kMostShared]
 #define JAXMPM_LAUNCH(kernel, blocks, threads, bytes, stream, ...) \
-  cuda_on_cpu::run(blocks, threads, [&] { (void)stream, (void)(bytes); kernel(__VA_ARGS__); })
+  cuda_on_cpu::run(blocks, threads, bytes, [&] { (void)stream; kernel(__VA_ARGS__); })
 
 using cudaStream_t = void*;
 enum cudaError_t { cudaSuccess };

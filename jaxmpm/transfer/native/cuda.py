@@ -104,7 +104,7 @@ def scatter(
     if len(blocks) > MAX_BLOCKS:
         lanes = max(len(block) for block in blocks)
         blocks = [jnp.concatenate([jnp.broadcast_to(b, (lanes, *b.shape[1:])) for b in blocks], axis=1)]
-    lanes, rows = max(len(a) for a in (position, *near, *blocks)), rows_of_grid(grid)
+    lanes, rows = math.prod(batch), rows_of_grid(grid)
     order = _order(grid, position)
     columns: dict[int, Array] = {}
     for group in _groups(terms, channels):
@@ -132,8 +132,7 @@ def gather(
 ) -> Array:
     """As `jaxmpm.transfer.native.gather`."""
     batch, arrays = _one_batch(position, nodal, *native.optional(first))
-    lanes = max(map(len, arrays))
-    result = jax.ShapeDtypeStruct((lanes, rows, position.shape[-1]), position.dtype)
+    result = jax.ShapeDtypeStruct((math.prod(batch), rows, position.shape[-1]), position.dtype)
     parts = _by_channels(jax.ffi.ffi_call("jaxmpm_cuda_gather", result), grid, kernel, arrays, terms, terms)
     return functools.reduce(jnp.add, parts).reshape(*batch, *result.shape[1:])
 
@@ -151,7 +150,7 @@ def contract(
 ) -> Sequence[Array]:
     """As `jaxmpm.transfer.native.contract`."""
     batch, arrays = _one_batch(position, nodal, *native.optional(first), *blocks)
-    lanes = max(map(len, arrays))
+    lanes = math.prod(batch)
     results = [jax.ShapeDtypeStruct((lanes, n, position.shape[-1]), position.dtype) for n in (grid.dimension, rows)]
     call = jax.ffi.ffi_call("jaxmpm_cuda_contract", results)
     derived = [t._replace(axes=(*t.axes, 0)) for t in terms]
@@ -163,8 +162,7 @@ def contract(
 def cell_sums(cell: Array, values: Array, *, cells: int) -> Array:
     """As `jaxmpm.transfer.native.cell_sums`."""
     batch, (cell, values) = _one_batch(cell, values)
-    lanes = max(len(cell), len(values))
-    results = [jax.ShapeDtypeStruct((lanes, *values.shape[1:]), values.dtype), _scratch(cell, cells)]
+    results = [jax.ShapeDtypeStruct((math.prod(batch), *values.shape[1:]), values.dtype), _scratch(cell, cells)]
     sums, _ = jax.ffi.ffi_call("jaxmpm_cuda_cell_sums", results)(cell, values, cells=np.int64(cells))
     return sums.reshape(*batch, *sums.shape[1:])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -85,6 +86,18 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
     lower_to(native)
     cuda.available.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def shim(engine) -> Iterator[ctypes.CDLL | None]:
+    """What takes the place of a GPU. No launch adds two numbers to one, in an order of chance, or is one that fails."""
+    if ON_GPU:
+        yield None
+        return
+    library = ctypes.CDLL(str(cuda.library()))
+    yield library
+    library.cuda_on_cpu_shuffle(0)
+    assert library.cuda_on_cpu_faults() == 0
 
 
 def assert_close_to_xla(function, *arrays, tolerance: float) -> None:
@@ -182,6 +195,34 @@ def test_sums_do_not_depend_on_the_batch_and_repeat_bit_for_bit():
             np.testing.assert_array_equal(d[lane], e)
 
 
+@pytest.mark.skipif(ON_GPU, reason="a GPU takes turns as it likes")
+@pytest.mark.parametrize("near", [False, True])
+def test_sums_do_not_depend_on_who_comes_first(shim, near):
+    """Blocks, warps and threads between two meetings take turns by chance."""
+    grid, (position, carried, stress) = lanes_of_particles(2, 300)
+    grid = replace(grid, stored=grid.nodes) if near else grid
+    position = position.at[:, :2, 150:].set(5.2)  # more than a warp in one column
+
+    @jax.jit
+    @jax.vmap
+    def all_of_them(position, carried, stress):
+        stored = replace(grid, near=near_nodes(grid, position)) if near else grid
+
+        def loss(position):
+            nodal = transfer.p2g(stored, GIMP((0.25,) * 3), position, carried, stress)
+            values, gradients = transfer.g2p(stored, GIMP((0.25,) * 3), position, nodal, values=7, gradients=3)
+            return jnp.sum(values**2) + jnp.sum(gradients**2), (nodal, values, gradients)
+
+        cell = jnp.floor(position[0]).astype(jnp.int32)
+        return jax.value_and_grad(loss, has_aux=True)(position), _cells.cell_sums(cell, carried, cells=20)
+
+    in_turn = all_of_them(position, carried, stress)
+    for seed in (1, 2, 3):
+        shim.cuda_on_cpu_shuffle(seed)
+        for a, b in zip(*map(jax.tree.leaves, (all_of_them(position, carried, stress), in_turn)), strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
 def test_sums_are_those_of_few_lanes_in_a_batch_of_many():
     """Few nodes have a copy for each column that meets them, many only one for those beside each other."""
     rng, grid, kernel = np.random.default_rng(0), Grid((8, 7, 26), 1.0, (0.0, 0.0, 0.0)), GIMP((0.25,) * 3)
@@ -247,8 +288,8 @@ def test_nodes_near_soil_have_the_sums_of_a_grid_that_stores_all(d):
     assert_close_to_xla(lambda engine, x: jax.grad(partial(loss, engine))(x), position[0], tolerance=1e-5)
 
 
-def test_more_nodes_than_are_stored_write_nowhere_else():
-    """Rows mean nothing then, but lie within their array."""
+def test_more_nodes_than_are_stored_write_nowhere_else(shim):
+    """Rows mean nothing then, and are added to twice, but lie within their array."""
     grid, (position, carried, stress) = lanes_of_particles(1, 300)
     few = replace(grid, stored=40)
     few = replace(few, near=near_nodes(few, position[0]))
@@ -258,6 +299,8 @@ def test_more_nodes_than_are_stored_write_nowhere_else():
     assert nodal.shape == (40, 7)
     assert np.isfinite(nodal).all()
     assert np.isfinite(transfer.g2p(few, kernel, position[0], nodal, values=7, gradients=3)[1]).all()
+    if shim is not None:
+        assert shim.cuda_on_cpu_faults() > 0
 
 
 @pytest.mark.parametrize("name", KERNELS)
@@ -279,6 +322,18 @@ def test_no_particles_give_no_sums():
     assert nodal.shape == (20, 5)
     assert not np.any(nodal)
     assert g2p(grid, kernel, jnp.zeros((2, 0)), nodal, values=2, gradients=0)[0].shape == (2, 0)
+
+
+def test_no_lanes_launch_nothing():
+    grid, kernel = Grid((5, 4), 1.3, (0.0, 0.0)), kernel_of("gimp", 2)
+
+    def there_and_back(position, carried, stress):
+        nodal = p2g(grid, kernel, position, carried, stress)
+        cell = jnp.zeros(position.shape[-1], jnp.int32)
+        return g2p(grid, kernel, position, nodal, values=2, gradients=2), _cells.cell_sums(cell, carried, cells=3)
+
+    found, sums = jax.jit(jax.vmap(there_and_back))(*(jnp.zeros((0, k, 6)) for k in (2, 3, 3)))
+    assert [a.shape for a in (*found, sums)] == [(0, 2, 6), (0, 2, 2, 6), (0, 3, 6)]
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
