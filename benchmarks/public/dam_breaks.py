@@ -198,7 +198,7 @@ def fan(data: Path, name: str, kind: str, cells: int, finest: bool, last: int) -
             finest=finest,
             station=h0 / 4,
             foremost=case["m_m_s2"] * seconds**2 / 2 + 2 * case["c0_m_s"] * seconds,
-            figure="mangeney_front_error" if "Mangeney" in name and seconds == at[-1] else None,
+            figure="mangeney_front_error" if "Mangeney" in name else None,
         )
     return rows
 
@@ -235,10 +235,13 @@ def stoker(data: Path, cells: int, finest: bool) -> list[Row]:
 def cases(data: Path, quick: bool) -> dict[str, Made]:
     """The cases by name."""
     made: dict[str, Made] = {}
-    for cells in (5,) if quick else (5, 10):
-        made[f"ritter {cells}"] = partial(fan, data, "Ritter", "ritter", cells, quick or cells == 10, 1)
+    all_cells = (5,) if quick else (5, 10, 20)
+    for cells in all_cells:
+        finest = cells == all_cells[-1]
+        made[f"ritter {cells}"] = partial(fan, data, "Ritter", "ritter", cells, finest, 1)
         made[f"mangeney {cells}"] = partial(
-            fan, data, "Mangeney, 20 degrees", "mangeney_delta20", cells, quick or cells == 10, 0 if quick else 1
+            fan, data, "Mangeney, 20 degrees", "mangeney_delta20", cells, finest, 0 if quick else 2
         )
-    made["stoker"] = partial(stoker, data, 1 if quick else 2, True)
+    for cells in (1,) if quick else (2, 4):
+        made[f"stoker {cells}"] = partial(stoker, data, cells, quick or cells == 4)
     return made

@@ -1,11 +1,12 @@
 """The published method's own solver, MPM3D-F90, on the same slope: positions of all particles after a slide.
 
 `python -m benchmarks peer_mpm3d --binary PATH` writes its input, runs it, and runs the same slope here by the same
-return mapping: linear and GIMP shape functions, the three schemes, undrained soil and soil with friction. The slope is
-the published section on cells of 2 m, with gravity at once, no average of strains and no artificial viscosity; its
-strength is halved. MPM3D-F90 (github.com/xzhang66/MPM3D-F90, commit 4a6275f) has to be built by its user with two
-changes. gfortran refuses `if(p_type(i))then` in src/Grid.f90, which means `if(p_type(i)/=0)then`. The format `3e12.4`
-of positions in src/DataOut.f90 rounds them to centimetres: make it `3es24.16`.
+return mapping: linear and GIMP shape functions, the three schemes, undrained soil and soil with friction. The first is
+the published section at half of its strength on cells of 2 m, the second the slope of MPM3D-F90's own example
+(`averaged_friction`) on 2.5 m, with gravity at once, no average of strains and no artificial viscosity. MPM3D-F90
+(github.com/xzhang66/MPM3D-F90, commit 4a6275f) has to be built by its user with two changes. gfortran refuses
+`if(p_type(i))then` in src/Grid.f90, which means `if(p_type(i)/=0)then`. The format `3e12.4` of positions in
+src/DataOut.f90 rounds them to centimetres: make it `3es24.16`.
 
     sed -i 's/if(p_type(i))then/if(p_type(i)\\/=0)then/' src/Grid.f90
     sed -i 's/"(3e12.4)"/"(3es24.16)"/' src/DataOut.f90
@@ -39,6 +40,7 @@ from jax import Array
 
 import jaxmpm as mpm
 from benchmarks.measure import ROOT, Refused, Report, code_digest, sources, stored_row
+from benchmarks.settings import averaged_friction
 from jaxmpm.laws import Law, add, elastic_increment
 from jaxmpm.protocols import Kernel, Tensor
 from jaxmpm.support.pytrees import pytree
@@ -54,6 +56,8 @@ DENSITY, YOUNG, POISSON, GRAVITY = 2000.0, 1e8, single(0.3), single(9.81)
 STRENGTHS = {"J2": (0.0, 21e3, 0.0), "c-phi": (single(0.3545), single(9.74e3), single(27.48e3))}
 """Slope of the cone, its intercept (Pa) and largest mean stress (Pa): half of the published mean strength, and the soil
 of the solver's own example."""
+SLOPES = {"J2": (mpm.Slope(), 2.0), "c-phi": (averaged_friction.SHAPE, 2.5)}
+"""And their cells (m), by soil."""
 KERNELS: dict[str, type[Kernel]] = {"linear": mpm.Linear, "GIMP": mpm.GIMP}
 
 
@@ -300,8 +304,9 @@ def run(quick: bool, binary: Path | None = None) -> Report:
     if binary is None:
         raise Refused(f"MPM3D-F90 is not part of this project: give --binary PATH, and build it as {__file__} says")
     make = partial(Case, times=(1.0,)) if quick else Case
-    cases = [make(*choice) for choice in itertools.product(KERNELS, mpm.Scheme, STRENGTHS)]
-    folder = ROOT / "out" / "peer_mpm3d" / code_digest(str(binary.resolve()), *sources(run))
+    choices = itertools.product(KERNELS, mpm.Scheme, STRENGTHS)
+    cases = [make(kernel, scheme, soil, *SLOPES[soil]) for kernel, scheme, soil in choices]
+    folder = ROOT / "out" / "peer_mpm3d" / code_digest(str(binary.resolve()), *sources(run, averaged_friction))
     ends = list(enumerate(cases[0].times))
     rows = [
         stored_row(folder, f"{case.name} {case.times[-1]:g} {case.step:g}", partial(beside, case, binary))
