@@ -73,16 +73,22 @@ def test_a_program_that_is_missing_fails_or_rounds_is_refused(tmp_path):
 
 
 def test_a_slide_that_ends_in_no_time_is_compared_before(tmp_path, monkeypatch):
-    # Gives the positions at the start and after a second, and does not reach the fourth.
-    program = tmp_path / "stalls"
-    zone = r"'ZONE\n  0.5040000000000000E+00  0.5 0.4941\n  0.5040000000000000E+00  1.5 0.4941\n'"
-    program.write_text(
-        f"#!/bin/sh\ngrep -q 'endtime 1$' slope.mpm || exec sleep 60\nprintf {zone}{zone} > slope_anim.dat\n"
-    )
-    program.chmod(0o755)
+    def gives(pictures, then=""):
+        zones = "".join("ZONE\\n" + row * count for count in pictures)
+        program.write_text(f"#!/bin/sh\n{then}\nprintf '{zones}' > slope_anim.dat\n")
+        program.chmod(0o755)
+
+    program, row = tmp_path / "program", "  0.5040000000000000E+00  0.5 0.4941\\n"
     monkeypatch.setattr(peer_mpm3d, "LONGEST", 0.5)
     case = Case("linear", mpm.Scheme.USL, "J2", SHAPE, times=(1.0, 2.0, 4.0))
+    # It gives the positions of the start and after a second, and does not reach the fourth.
+    gives([2, 2], then="grep -q 'endtime 1$' slope.mpm || exec sleep 60")
     assert peer_mpm3d.theirs(case, program).tolist() == [[[0.504], [0.4941]]]
-    program.write_text("#!/bin/sh\nexec sleep 60\n")
+    # It loses a particle within the second second, or in the first.
+    gives([4, 4, 2, 2, 2])
+    assert peer_mpm3d.theirs(case, program).shape == (1, 2, 2)
+    gives([4, 2, 2, 2, 2])
+    assert peer_mpm3d.beside(case, program) == {"case": "linear, USL, J2", "reached_s": 0.0}
+    gives([], then="exec sleep 60")
     with pytest.raises(Refused, match=r"takes over 0\.5 s to 1 s of linear, USL, J2"):
         peer_mpm3d.theirs(case, program)
