@@ -58,9 +58,9 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
   plan.nodes = 1;
   for (int axis = 0; axis < plan.dimension; ++axis) plan.nodes *= plan.shape[axis];
   std::vector<int32_t> of_columns(plan.nodes / plan.shape[plan.dimension - 1]), of_rows(stored);
+  int32_t needed = 0;
   if (stored) {
     plan.nodes = stored;
-    int32_t needed;
     near_nodes(*best_instructions(), Pool{}, scalar, plan, {{position.data(), of_columns.data(), of_rows.data(), &needed}});
     for (int32_t node : of_rows) {
       if (node < -1) return false;
@@ -69,6 +69,8 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
     for (std::size_t c = 0; wild && c < of_columns.size(); ++c) of_columns[c] = static_cast<int32_t>(c * 2654435761u);
   }
   const int32_t* const first = stored ? of_columns.data() : nullptr;
+  // Rows that several nodes share have sums that mean nothing, to each instruction set its own.
+  const bool alike = !wild && needed <= stored;
   const int64_t nodes = plan.nodes;
   bool good = true;
   for (int order = 0; order <= 2; ++order) {
@@ -123,8 +125,8 @@ bool run(Plan plan, Scalar scalar, const std::vector<double>& cells, int64_t thr
           std::printf("%s: threads disagree, order %d, %d channels\n", set->name, order, channels);
           good = false;
         }
-        if (!close(scattered[0], scattered[n - 1]) || !close(gathered[0], gathered[n - 1]) ||
-            !close(slopes[0], slopes[n - 1])) {
+        if (alike && !(close(scattered[0], scattered[n - 1]) && close(gathered[0], gathered[n - 1]) &&
+                       close(slopes[0], slopes[n - 1]))) {
           std::printf("%s: not as portable, order %d, %d channels\n", set->name, order, channels);
           good = false;
         }
