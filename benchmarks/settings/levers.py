@@ -2,7 +2,7 @@
 
 Told from benchmarks/data/levers.csv, which `python -m benchmarks.settings.levers_runs` makes. Everything is beside four
 particles a cell at CFL 0.5 on the same grid with the same samples. The cost is steps times particles, so that it does
-not depend on what else the machine did. Run-outs in the file are of the foremost soil.
+not depend on what else the machine did.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ def row(variant: Variant, result: dict[Variant, dict[int, Row]]) -> dict[str, An
     if until == "class":
         return values
     slide = fails[0] & fails[1]
-    change = {name: (measured[name] - base[name])[slide] for name in ("displacement", "runout")}
+    lengths = ("displacement", "runout", "runout_foremost")
+    change = {name: (measured[name] - base[name])[slide] for name in lengths}
     values |= {
         f"median_change_{name}_m": round(float(np.median(displacement)), 3) for name, displacement in change.items()
     }

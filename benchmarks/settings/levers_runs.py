@@ -31,10 +31,10 @@ SPACINGS = {"rough": (1.0, 2.0), "refined": (0.5, 1.0)}
 """Of the particles: four a cell, as published, and one."""
 CFL = (0.5, 0.9)
 VARIANT = ("scene", "grid", "spacing", "cfl", "until")
-MEASURED = ("status", "steps", "time", "displacement", "runout", "energy")
+MEASURED = ("status", "steps", "time", "displacement", "runout", "runout_foremost", "energy")
 COLUMNS = {
     **dict(zip(VARIANT, (word(*SCENES), word(*SPACINGS), size, size, word(*SAMPLES)), strict=True)),
-    **dict(zip(("number", *MEASURED), (whole, whole, whole, size, size, size, number), strict=True)),
+    **dict(zip(("number", *MEASURED), (whole, whole, whole, size, size, size, size, number), strict=True)),
 }
 Variant = tuple[str, str, float, float, str]
 
@@ -80,7 +80,8 @@ def _rows(variant: Variant, numbers: list[int]) -> Iterator[tuple[object, ...]]:
     ):  # fmt: skip
         done = measured(model, result)
         energy = float(_energy(model.scene, result.state)) - start_energy
-        values = (int(result.state.step) * float(result.time_step), done.displacement, done.runout, energy)
+        time = int(result.state.step) * float(result.time_step)
+        values = (time, done.displacement, done.runout, done.runout_foremost, energy)
         yield (sample, int(result.status), int(result.state.step), *(f"{value:.6g}" for value in values))
 
 

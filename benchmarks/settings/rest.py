@@ -2,8 +2,7 @@
 
 `python -m benchmarks.settings.rest` runs what benchmarks/data/rest.csv lacks: the first failures of the section's
 refined grid, with published and with default settings, and of the published slope in 3D on its calibrated rough grid,
-each once with the rule and once without. `python -m benchmarks rest` prints what the file holds. Run-outs in it are of
-the foremost soil.
+each once with the rule and once without. `python -m benchmarks rest` prints what the file holds.
 """
 
 from __future__ import annotations
@@ -20,11 +19,12 @@ from benchmarks.measure import ROOT, Report, scene_campaign
 from cooperative import runs
 from cooperative.measure import SEVERITY
 from cooperative.runs import GridModel
+from cooperative.scene import Campaign
 from jaxmpm import Settle
 
 DATA = ROOT / "benchmarks" / "data" / "rest.csv"
 SIZES = ("depth", "runout")
-LENGTHS = ("displacement", *SIZES)
+LENGTHS = ("displacement", "runout_foremost", *SIZES)
 """Measures in metres."""
 AMOUNTS = ("volume", "area")
 
@@ -73,10 +73,15 @@ def main() -> None:
                     put(row)
 
 
+def campaign_of(case: Case) -> Campaign:
+    """The campaign of a case."""
+    campaign = scene_campaign(case.scene)
+    return replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, fields=(), modes=("rough", "refined")))
+
+
 def prepared(case: Case) -> tuple[GridModel, np.ndarray]:
     """The model of a case, whose runs end as in its scene, and the coefficients of its samples (samples, modes)."""
-    campaign = scene_campaign(case.scene)
-    campaign = replace(campaign, plan=replace(campaign.plan, samples=SAMPLES, fields=(), modes=(case.grid,)))
+    campaign = campaign_of(case)
     soil = runs.random_soil(campaign)
     model = replace(runs.build(campaign, case.grid, soil), strength_factor=case.factor)
     return model, runs.coefficients_of(campaign, soil)

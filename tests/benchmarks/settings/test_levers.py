@@ -10,7 +10,7 @@ FASTER = ("section", "rough", 1.0, 0.9, "class")
 
 
 def outcome(displacement, *, status=2, steps=100, time=2.0, energy=-1.0):
-    values = status, steps, time, displacement, 0.0, energy
+    values = status, steps, time, displacement, 0.0, 0.0, energy
     return dict(zip(levers_runs.MEASURED, map(float, values), strict=True))
 
 

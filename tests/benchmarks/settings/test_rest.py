@@ -11,7 +11,7 @@ NAME = "section, published"
 
 def row(number, ruled, steps, displacement, area, mode="deep"):
     status = "SETTLED" if ruled else "FINISHED"
-    return f'"{NAME}",{int(ruled)},{number},{status},{steps},{displacement},13.0,12.5,200.0,{area},{mode}'
+    return f'"{NAME}",{int(ruled)},{number},{status},{steps},{displacement},12.9,13.0,12.5,200.0,{area},{mode}'
 
 
 def write(path, *rows):
@@ -33,6 +33,11 @@ def test_what_the_rule_saves_and_what_it_changes(tmp_path, monkeypatch):
     assert values["largest_change_of_a_length_cells"] == pytest.approx(0.1)
     assert values["largest_change_of_an_amount"] == pytest.approx(0.025)
     assert values["modes_changed"] == 1
+
+
+@pytest.mark.parametrize("name", rest.CASES)
+def test_a_model_of_a_case_names_the_slides_of_its_grid(name):
+    assert rest.CASES[name].grid in rest.campaign_of(rest.CASES[name]).modes
 
 
 def test_slides_that_are_there_are_not_run_again(tmp_path, monkeypatch):
