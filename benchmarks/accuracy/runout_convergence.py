@@ -1,8 +1,9 @@
 """Run-out, travel and deposit of slides against the cell: error against seconds.
 
 Each slide runs on cells that are halved. `front_m` is the run-out, where the deposit is as thick as a tenth of the
-slope's height, of sand as 5 % of the column's. `front_95_m` is that of 95 % of the soil that slid, both from the toe or
-the edge of a column. `travel_m` is the displacement of the centre of the soil that slid.
+slope's height, of sand as 5 % of the column's; `foremost_m` is that of the foremost soil that hangs together with the
+slide, `front_95_m` that of 95 % of the soil that slid, all from the toe or the edge of a column. `travel_m` is the
+displacement of the centre of the soil that slid.
 `profile` is the area between the deposit's thickness and that on the finest cells, over the area that slid. Of each
 case, `last_two_halvings` is the largest change of both run-outs in the last two halvings, over the finest one, and
 `default_error` their error on the cell that a scene would have.

@@ -1,11 +1,12 @@
 """Cures of a run-out that depends on the cell, side by side on four small slides.
 
-Each slide runs on three cells. `front_m` and `front_95_m` are those of `runout_convergence`, coarse to fine, those of
-sand over the column's width. `last_halving` is their largest change in the last halving, over the finest. `noise_m_s`
-is the root mean square, over the soil that slid, of what its velocity differs from the grid's on the finest cells.
-`price` is the time of a step over that of the case's own settings on the middle cells, the median of pairs of short
-runs, and `end_s` the time that the slide takes to rest on the finest. Sand and slides that do not rest run to a given
-time. Rates of `pic_damping` are in units of sqrt(g / H), H the height of the slope.
+Each slide runs on three cells. `front_m`, where the deposit is as thick as a tenth of the slope's height, and
+`front_95_m`, of 95 % of the soil that slid, stand coarse to fine, those of sand over the column's width. `last_halving`
+is their largest change in the last halving, over the finest. `noise_m_s` is the root mean square, over the soil that
+slid, of what its velocity differs from the grid's on the finest cells. `price` is the time of a step over that of the
+case's own settings on the middle cells, the median of pairs of short runs, and `end_s` the time that the slide takes to
+rest on the finest. Sand and slides that do not rest run to a given time. Rates of `pic_damping` are in units of sqrt(g
+/ H), H the height of the slope.
 Finished rows stay in out/runout_cures, and the next command goes on from there.
 """
 

@@ -75,6 +75,7 @@ def measures(
     thickness, _ = np.histogram(now - half, bins=np.arange(0.0, now.max() + STATION, STATION), weights=volume)
     return {
         "front_m": mass.runout,
+        "foremost_m": mass.runout_foremost,
         "front_95_m": float(now[sliding][order[np.searchsorted(share, 0.95)]]) - origin,
         "travel_m": float(np.linalg.norm((displacement[:, sliding] * v).sum(axis=1)) / v.sum()),
         "slid": float(v.sum()),
@@ -166,9 +167,9 @@ def retrogression(cell: float, **soil: float) -> Row:
         soil: keys of [soil] beside the scene's.
     """
     row = sites_retrogression.slid(on_cells("sites/retrogression_5m_buoyant", cell, {"soil": soil}), "refined")
-    names = {"front_m": "runout_m", "front_95_m": "runout_of_95_percent_m"}
+    names = {"front_m": "runout_m", "foremost_m": "runout_foremost_m", "front_95_m": "runout_of_95_percent_m"}
     return {new: row[old] for new, old in names.items()} | {
-        k: row[k] for k in ("runout_foremost_m", "retrogression_m", "slides", "particles")
+        k: row[k] for k in ("retrogression_m", "slides", "particles")
     }
 
 
@@ -222,7 +223,7 @@ def column(
 def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb, start: int = 0) -> Row:
     """A column of dry sand: lengths over its width.
 
-    Its front is where the deposit is `THICK`. `grains_m` is that of the farthest grains that lie together, the end of a
+    Its front is where the deposit is `THICK`. Its foremost soil, the farthest grains that lie together, is the end of a
     film that a continuum has and sand has not. The scheme, USL, and the damping by XPIC(2) are those that the settings
     recommend for sand. APIC loses energy on coarse cells. With MUSL the waves that the flow sends into the heap stay,
     and sand that rings creeps.
@@ -239,7 +240,7 @@ def sand(aspect: float, cell: float, *, criterion: Criterion = MohrCoulomb, star
     row = slide.row()
     x = np.asarray((slide.scene.particles.position + slide.state.displacement)[0], float)
     thick = thick_front(x, np.asarray(slide.scene.particles.volume, float), THICK * aspect, 1 / 8) - 1
-    return {"front_m": thick, "front_95_m": row["front_95_m"], "grains_m": row["front_m"], "particles": x.size}
+    return {"front_m": thick, "front_95_m": row["front_95_m"], "foremost_m": row["foremost_m"], "particles": x.size}
 
 
 THICK = 0.05
@@ -269,4 +270,5 @@ def thick_front(x: np.ndarray, volume: np.ndarray, least: float, station: float)
 def terrain(cell: float) -> Row:
     """A slide over real terrain, whose slip surface is a contact."""
     row = sites_terrain.slide(cell, contact=True)
-    return {"front_m": row["runout_m"], "travel_m": row["travel_m"], "particles": row["particles"]}
+    fronts = {"front_m": row["runout_m"], "foremost_m": row["runout_foremost_m"]}
+    return fronts | {"travel_m": row["travel_m"], "particles": row["particles"]}

@@ -196,7 +196,7 @@ def shares(store: Store, limit: float, large: float | None) -> dict[str, float |
     go on to their end, so this separates slides of the whole slope from slips within its face, which are failures too.
     """
     result = read_rows(store, "rough").columns
-    counted = {"fails": result["displacement"] > limit, "beyond_toe": result["runout"] > 0}
+    counted = {"fails": result["displacement"] > limit, "beyond_toe": result["runout_foremost"] > 0}
     of_rough: dict[str, float | None] = {
         f"rough_{name}": round(float(np.mean(flags)), 3) for name, flags in counted.items()
     }

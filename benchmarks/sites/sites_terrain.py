@@ -106,6 +106,7 @@ def slide(cell: float, *, contact: bool = False) -> dict[str, Any]:
             float(np.linalg.norm((distance[:, clay] * volume[clay]).sum(axis=1)) / volume[clay].sum()), 2
         ),
         "runout_m": round(result.runout, 1),
+        "runout_foremost_m": round(result.runout_foremost, 1),
         "displacement_m": round(result.displacement, 1),
         "depth_m": round(result.depth, 1),
         "volume_m3": round(result.volume),

@@ -24,6 +24,17 @@ def test_run_out_and_travel_of_a_rigid_block():
         measures(position, displacement, volume, origin=10.0, half=0.25, slid=7.0)
 
 
+def test_a_film_ahead_of_a_block_counts_for_its_foremost_soil_alone():
+    """The block is 4 m high, the film that hangs together with it 0.25 m thick and 3 m long."""
+    x, z = np.meshgrid(np.arange(0.125, 10, 0.25), np.arange(0.125, 4, 0.25), indexing="ij")
+    position = np.concatenate([[x.ravel(), z.ravel()], [np.arange(10.125, 13, 0.25), np.full(12, 0.125)]], axis=1)
+    displacement = np.zeros_like(position)
+    displacement[0, position[0] > 5] = 6.0
+    row = measures(position, displacement, np.full(position.shape[1], 0.0625), origin=10.0, half=0.125, slid=1.0)
+    assert row["front_m"] == pytest.approx(6.0, abs=0.25)
+    assert row["foremost_m"] == pytest.approx(9.0)
+
+
 @pytest.mark.parametrize("station", [0.1, 0.25])
 def test_the_front_of_a_wedge_is_where_it_is_as_thick_as_asked(station):
     """The film and the grain ahead of it do not count."""
