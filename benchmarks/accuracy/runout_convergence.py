@@ -152,9 +152,10 @@ def draw(rows: list[Row], folder: Path) -> None:
     The error is the larger of both run-outs, over the finest cells. Sand that starts with noise has no line.
     """
     figure, (left, right) = panels(1, 2, size=(4.6, 3.4))
-    shown = [name for name in CASES if "start_" not in name]
-    of_case = {name: [row for row in rows if row["case"] == name] for name in shown}
+    of_case = {name: [row for row in rows if row["case"] == name] for name in CASES if "start_" not in name}
     for number, (name, case_rows) in enumerate(of_case.items()):
+        if not case_rows:
+            continue
         names = [quantity for quantity in RUN_OUTS if quantity in case_rows[-1]]
         error = [max(abs(row[quantity] / case_rows[-1][quantity] - 1) for quantity in names) for row in case_rows[:-1]]
         style = {"marker": "os^Dv*"[number % 6], "color": COLOURS[number], "label": name, "ms": 4}

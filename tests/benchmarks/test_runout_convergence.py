@@ -88,5 +88,7 @@ def test_a_command_that_was_stopped_counts_the_cells_that_have_a_row(tmp_path, m
         *(("b", cell) for cell in (4, 2, 1, 0.5)),
     ]
     assert report.values["rows_missing"] == 4
+    runout_convergence.draw([row | {"seconds": 1.0} for row in report.rows], tmp_path)
+    assert (tmp_path / "runout_convergence.png").exists()
     assert "a_default_error" not in report.values
     assert report.values["default_cell_error_max"] == report.values["b_default_error"] == pytest.approx(0.1579)
