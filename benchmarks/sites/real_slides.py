@@ -42,7 +42,7 @@ from benchmarks.sites.real_profile import draw, in_stations, misplaced, stations
 from benchmarks.sites.real_surveys import KNOWN, MISS, Known, corominas, crps, interval_score
 from cooperative import run as run_campaign
 from cooperative import runs
-from cooperative.folder import read_results
+from cooperative.folder import Results, read_results
 from cooperative.runs import Stopped
 from cooperative.scene import Campaign, built, campaign_of, parse, read_scene, to_toml
 from cooperative.store import FinishedRun, read_sample, table_of
@@ -141,16 +141,11 @@ def measured(
 
 
 def slides(name: str, folder: Path) -> dict[str, Slid]:
-    """The failures of a finished campaign on each grid."""
+    """The failures of a campaign on each grid, those so far of one that was stopped."""
     results = read_results(folder)
     # With the defaults of its folder, of which the order of its particles is one.
     campaign = campaign_of(results.store)
-    rough = results.rough.columns
-    failed = (rough["displacement"] > campaign.run.failure_displacement) & ~rough["broke_off"].astype(bool)
-    chosen = {
-        "rough": (results.rough.numbers, failed, np.ones(failed.size)),
-        "refined": (results.refined.numbers, results.slid, results.weight),
-    }
+    chosen = chosen_runs(results, campaign.run.failure_displacement)
     soil, answer = runs.random_soil(campaign), {}
     coefficients = runs.coefficients_of(campaign, soil)
     for grid, (numbers, slid, weight) in chosen.items():
@@ -162,6 +157,22 @@ def slides(name: str, folder: Path) -> dict[str, Slid]:
         quantities |= shared_factor(soil, campaign, coefficients[np.asarray(numbers, int)[slid]])
         answer[grid] = Slid(quantities, weight[slid])
     return answer
+
+
+def chosen_runs(results: Results, failure_displacement: float) -> dict[str, tuple[list[int], np.ndarray, np.ndarray]]:
+    """Samples of each grid, whether they slid to their end (runs,), and what they stand for (runs,).
+
+    Args:
+        results: of a campaign, which weighs the slides of its finest grid alone.
+        failure_displacement: beyond which a rough run has slid (m).
+    """
+    rough, refined = results.rough, results.refined.numbers
+    failed = (rough.columns["displacement"] > failure_displacement) & ~rough.columns["broke_off"].astype(bool)
+    ended = slice(len(refined))
+    return {
+        "rough": (rough.numbers, failed, np.ones(failed.size)),
+        "refined": (refined, results.slid[ended], results.weight[ended]),
+    }
 
 
 def counted(failures: Mapping[str, Slid]) -> str:

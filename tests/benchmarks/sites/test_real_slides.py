@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from benchmarks.sites import real_assumptions
 from benchmarks.sites.real_calibrated import calibrated, shared_factor
-from benchmarks.sites.real_slides import SCENES, Slid, compared, summarised
+from benchmarks.sites.real_slides import SCENES, Slid, chosen_runs, compared, summarised
 from benchmarks.sites.real_surveys import BAND, KNOWN, Known, Survey, corominas, crps, interval_score
 from cooperative.runs import random_soil
 from cooperative.scene import parse, read_scene
@@ -93,6 +94,22 @@ def test_corominas_relation():
     assert pytest.approx(0.3905, abs=1e-4) == BAND
     low, middle, high = corominas(100.0, 1e6)
     assert np.log10(high / middle) == pytest.approx(BAND * 1.6449 / 1.9600, abs=1e-5)
+
+
+def test_a_campaign_that_was_stopped_before_its_refined_runs_has_slides_on_the_rough_grid_alone():
+    """What slid and its weight are of the finest grid with runs, the rough one here."""
+    columns = {"displacement": np.array([2.0, 0.1, 3.0]), "broke_off": np.array([False, False, True])}
+    nothing = SimpleNamespace(numbers=[], columns={})
+    stopped = SimpleNamespace(
+        rough=SimpleNamespace(numbers=[4, 5, 6], columns=columns), refined=nothing,
+        slid=np.array([True, False, False]), weight=np.array([3.0, 0.0, 0.0]),
+    )  # fmt: skip
+    chosen = chosen_runs(stopped, 1.0)
+    assert [part.tolist() for part in chosen["rough"][1:]] == [[True, False, False], [1.0, 1.0, 1.0]]
+    assert [len(part) for part in chosen["refined"]] == [0, 0, 0]
+    refined = SimpleNamespace(numbers=[5, 6], columns={})
+    ended = SimpleNamespace(rough=stopped.rough, refined=refined, slid=np.ones(2, bool), weight=np.array([1.0, 2.0]))
+    assert chosen_runs(ended, 1.0)["refined"][2].tolist() == [1.0, 2.0]
 
 
 def test_quantiles_are_weighted():
