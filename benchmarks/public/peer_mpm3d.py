@@ -16,8 +16,8 @@ built by its user with two changes. gfortran refuses `if(p_type(i))then` in src/
 Differences are between positions (m) after 1, 2, 4 and 8 s, the largest and the median over particles, where this
 solver leaves nodes out that have as little mass as those that MPM3D-F90 leaves out, 1e-5 of a full cell. With its own
 floor, 1e-12 of a particle, it moves nodes at the edge of particles that MPM3D-F90 takes as empty: `own_floor_m` is the
-largest difference then, and `front_m` the front beyond the toe. `nudged_m` is by how much this solver differs from
-itself, started 1e-13 m to the side: no two programs agree better. With linear functions and USL soil leaves both
+largest difference then, and `front_m` the foremost soil beyond the toe. `nudged_m` is by how much this solver differs
+from itself, started 1e-13 m to the side: no two programs agree better. With linear functions and USL soil leaves both
 solvers, clay between 1 and 2 s, by speeds that let no time pass, and soil with friction before: of such a case the
 times before are compared, and `reached_s` is the last of them, 0 for none. Finished rows stay in out/peer_mpm3d.
 """

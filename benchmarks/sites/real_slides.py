@@ -17,10 +17,11 @@ the share of the volume that lies elsewhere than surveyed, in the median slide a
 out/real_slides; the next command goes on where one was stopped, and one that was stopped counts with the samples that
 it has. `--quick` runs the spread on coarse cells.
 
-Three slides are left out for want of data. Of Saint-Jude (2010) the height of 22 m, the scar 150 m long and the slip
-surface are known, at El. 2.5 m below a river bed at El. 6 m and at El. 15 m near the scarp (Lacasse 2013, Proceedings
-of the 18th ICSMGE, 15-34), but no strengths were at hand. Public input for Selborne (1989) has soils and water without
-the outline. Nothing was at hand of Cook Lake (1997).
+Three slides are left out, as their sections were not at hand. Of Saint-Jude (2010) the height of 22 m, the scar 150 m
+long and the slip surface are known, at El. 2.5 m below a river bed at El. 6 m and at El. 15 m near the scarp (Lacasse
+2013, Proceedings of the 18th ICSMGE, 15-34), without strengths, which Zhang et al. (2020, 10.1007/s10346-019-01330-4)
+have. Public input for Selborne (1989) has soils and water without the outline. Section and soils of Cook Lake (1997)
+stand in 10.3390/w12102817. Of both papers the beginnings alone could be read.
 """
 
 from __future__ import annotations

@@ -149,8 +149,8 @@ def _of_dilation(campaign: Campaign) -> Iterator[str]:
         if dilation and dilation > 0 and getattr(soil, "softening_strain", None) is None:
             yield (
                 f"dilation = {dilation:g} degrees without softening_strain: soil gains volume for as long as it "
-                "shears, and in a long slide energy with it; give softening_strain, by which dilation ends, or leave "
-                "dilation out where run-out counts"
+                "shears, and in a long slide energy with it, with cell_average most; give softening_strain, by which "
+                "dilation ends, or leave dilation out where run-out counts"
             )
 
 
