@@ -5,7 +5,8 @@
 one without: of the section both are there, of the slope in 3D the runs without are the study's, the four that left the
 grid among them. `closed` is the volume that had opened at the end of some quarter of a second and was closed again at
 the end of the run (m3, of a section m2): where there is less than `FEW` of the volume that slides, nothing counts as
-closed. Run-outs in the file are of the foremost soil.
+closed. Changes of the run-out are of the foremost soil, which all rows have; those of the study lack the front of a
+deposit of a tenth of the height.
 """
 
 from __future__ import annotations
@@ -27,12 +28,14 @@ from benchmarks.study.rows import Rows, Run, read_study
 from cooperative import runs
 from cooperative.measure import MEASURES, SEVERITY, ReleaseHistory
 from cooperative.runs import GridModel
+from cooperative.scene import Campaign
 from cooperative.store import FinishedRun
 from jaxmpm import Result, State, Status, diagnostics, solve_each
 from jaxmpm.run import Hooks, Midway, Rule
 
 DATA = ROOT / "benchmarks" / "data" / "opened_soil.csv"
-LENGTHS = ("displacement", "runout")
+LENGTHS = ("displacement", "runout_foremost")
+MEASURED = (*MEASURES, "runout_foremost")
 LEFT = (94, 623, 661, 243)
 """Samples of the study whose refined slides left the grid."""
 OTHERS = (135, 349, 188, 102, 696, 737, 86, 212, 363, 176)
@@ -96,7 +99,7 @@ CASES = {
 """In the order in which they are run."""
 COLUMNS = {
     **{"case": word(*CASES), "memory": whole, "number": whole, "status": word(*ENDED), "steps": whole},
-    **dict.fromkeys(MEASURES, optional(size)),
+    **dict.fromkeys(MEASURED, optional(size)),
     **{"mode": optional(word(*SEVERITY, "none")), "closed": optional(size)},
 }
 
@@ -119,13 +122,18 @@ def main() -> None:
             models = cache(partial(_model, case))
             for sample, memory in missing:
                 answer, closed = run_watched(models(memory), sample)
-                measured = (_cell(answer.row.get(measure)) for measure in (*MEASURES, "mode"))
+                measured = (_cell(answer.row.get(measure)) for measure in (*MEASURED, "mode"))
                 put((name, int(memory), sample, answer.status, answer.steps, *measured, closed))
 
 
-def _model(case: Case, memory: bool) -> GridModel:
+def campaign_of_case(case: Case, memory: bool) -> Campaign:
+    """The campaign of a case. memory: whether its soil has one of the gap."""
     campaign = campaign_of(case.scene, {**case.changes, "soil": {"gap_memory": memory}})
-    campaign = replace(campaign, plan=replace(campaign.plan, fields=(), modes=(case.grid,)))
+    return replace(campaign, plan=replace(campaign.plan, fields=(), modes=("rough", "refined")))
+
+
+def _model(case: Case, memory: bool) -> GridModel:
+    campaign = campaign_of_case(case, memory)
     return replace(runs.build(campaign, case.grid, runs.random_soil(campaign)), strength_factor=1 / case.reduction)
 
 
@@ -190,8 +198,8 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
     """Runs with memory beside the same ones without: what broke off, classes that changed, and by how many cells the
     lengths of slides changed, where no opened soil closed again and where some did."""
     both = [(remembers[n], forgets[n]) for n in sorted(remembers.keys() & forgets.keys())]
-    slid = [(new, old) for new, old in both if new["runout"] is not None and _fails(new) and _fails(old)]
-    chosen = [(new, old) for new, old in slid if old["runout"] is not None]
+    slid = [(new, old) for new, old in both if new["runout_foremost"] is not None and _fails(new) and _fails(old)]
+    chosen = [(new, old) for new, old in slid if old["runout_foremost"] is not None]
     cell = campaign_of(case.scene, case.changes).grids[case.grid].cell
     changes = {
         closed: np.array(
@@ -226,8 +234,10 @@ def compared(name: str, case: Case, remembers: Mapping[int, Row], forgets: Mappi
             f"median_change_{words}_cells": round(float(np.median(answer)), 4) if answer.size else None,
             f"largest_change_{words}_cells": round(float(answer.max()), 4) if answer.size else None,
         }
-    distance = [new["runout"] - old["runout"] for new, old in chosen]
-    return figures | {"median_runout_grows_by_m": round(float(np.median(distance)), 3) if distance else None}
+    for name in ("runout", "runout_foremost"):
+        grows = [new[name] - old[name] for new, old in chosen if None not in (new[name], old[name])]
+        figures[f"median_{name}_grows_by_m"] = round(float(np.median(grows)), 3) if grows else None
+    return figures
 
 
 def _fails(row: Row) -> bool:

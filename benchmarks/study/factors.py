@@ -61,7 +61,7 @@ def runout(rows: Rows, case: str) -> Answer:
     ((run, slide),) = ((run, o) for run, o in rows.items() if run.case == case and run.until == "end")
     half = float(case.split("cells of ")[1].split()[0]) / 2 if "cells of" in case else 0.5
     assert slide.runout is not None
-    words = f"one slide at R = {run.reduction:.2f}, {slide.mode}, {slide.runout_any:.2f} m with detached grains"
+    words = f"one slide at R = {run.reduction:.2f}, {slide.mode}, its foremost soil {slide.runout_foremost:.2f} m"
     limits = (slide.runout - half, slide.runout + half)
     return Answer(slide.runout, limits, f"{words}; the interval is half a cell", hours_of({run: slide}))
 

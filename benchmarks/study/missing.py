@@ -1,7 +1,9 @@
 """`python -m benchmarks.study.missing [CASE ...]`: run what the study lacks, and add it to the rows of benchmarks/data.
 
-The cases with default settings: factors of safety, the slides there, random slopes and their audit. Then refined slides
-of the failures that the audits at other correlation lengths drew. In 3D a class takes a core a minute, a slide ten.
+Slides of the slope of mean strength at its factors of safety. The cases with default settings: factors of safety,
+random slopes and their audit. Slides of the failures on the calibrated rough grid, and refined ones of the failures
+that the audits drew, once more with more air above them where soil left the grid. In 3D a refined class takes a core
+half a minute, a slide three to eight, on the rough grid some seconds.
 A command that was stopped goes on from the last restart point of a slide, in out/study/missing.
 """
 
@@ -11,7 +13,7 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import astuple, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +22,10 @@ import numpy as np
 
 from benchmarks.measure import ROOT
 from benchmarks.study.cases import (
+    AUDIT,
     CASES,
+    MORE_AIR,
+    SAMPLES,
     SECTION_SAMPLES,
     SWEEP,
     SWEEP_AUDIT,
@@ -30,6 +35,7 @@ from benchmarks.study.cases import (
     sweep_case,
 )
 from benchmarks.study.factors import STEP
+from benchmarks.study.probability import audit_weights
 from benchmarks.study.rows import (
     COLUMNS,
     DATA,
@@ -56,17 +62,31 @@ BRACKET = 0.98, 1.3
 def missing_runs(rows: Rows) -> Iterator[Run]:
     """The runs in the order in which they are made, as far as the rows show which are needed."""
     for case in CASES:
-        if "default" in case:
-            yield from _factors(rows, case) if not plan_of(case) else _random(rows, case)
-    for run, outcome in rows.items():
-        others = run.case in SWEEP and run.case != sweep_case("lx", 60)
-        if others and run.grid == "refined" and run.until == "class" and outcome.failed:
-            yield replace(run, until="end")
+        if not plan_of(case):
+            yield from _factors(rows, case)
+        elif "default" in case:
+            yield from _random(rows, case)
+    if Run("published", "rough") in rows:
+        yield from _slides(rows, "published", audit_weights(rows, "published", SAMPLES, AUDIT))
+    for case in (case for case in SWEEP if case != sweep_case("lx", 60)):
+        yield from _slides(rows, case, classes(rows, case, "refined"))
+    rough = [run for run in rows if run.case in SWEEP and (run.grid, run.until) == ("rough", "class")]
+    yield from (replace(run, until="end") for run in rough if rows[run].failed)
+
+
+def _slides(rows: Rows, case: str, samples: Iterable[int]) -> Iterator[Run]:
+    """Refined slides of those samples that fail, and with more air of those that broke off."""
+    for sample in samples:
+        run = Run(case, "refined", sample)
+        if rows[run].failed:
+            yield (slide := replace(run, until="end"))
+            if case == "published" and slide in rows and rows[slide].broke_off:
+                yield replace(slide, case=MORE_AIR)
 
 
 def _factors(rows: Rows, case: str) -> Iterator[Run]:
-    """A search by bisection on each grid, in 2D on the refined one, and the slide at the refined factor."""
-    for grid in ("refined",) if "section" in case else ("rough", "refined"):
+    """A search by bisection on each grid, on cells of 0.75 m and in 2D on the refined one, and the slide there."""
+    for grid in ("refined",) if "section" in case or "cells of" in case else ("rough", "refined"):
         tried = of_search(rows, case, grid)
         fails = min((reduction for reduction, fails in tried.items() if fails), default=None)
         below = math.inf if fails is None else fails
@@ -106,7 +126,8 @@ def _built(case: str, grid: str, reduction: float) -> tuple[Campaign, GridModel,
     changes = definition["changes"]
     # Samples are ranked by the displacement at their class, which `early` does not wait for.
     run = {**changes.get("run", {}), "strength_factor": 1 / reduction, "early": False}
-    campaign = campaign_of(definition["scene"], {**changes, "run": run})
+    plan = {**changes.get("campaign", {}), "modes": "both"}
+    campaign = campaign_of(definition["scene"], {**changes, "run": run, "campaign": plan})
     soil = random_soil(campaign)
     return campaign, build(campaign, grid, soil), coefficients_of(campaign, soil)
 
@@ -154,16 +175,19 @@ def add(path: Path, run: Run, outcome: Outcome) -> None:
     with path.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         if new:
-            cases = {case: definition for case, definition in CASES.items() if file_of(case).name == path.name}
+            cases = {case: known for case, known in CASES.items() if file_of(case, run.grid).name == path.name}
             file.write(f"# {json.dumps({'cases': cases})}\n")
             writer.writerow(COLUMNS)
         writer.writerow("" if cell is None else cell for cell in (*astuple(run), *astuple(outcome)))
 
 
-def file_of(case: str) -> Path:
-    """The file of the study that runs of a case are added to."""
+def file_of(case: str, grid: str) -> Path:
+    """The file of the study that runs of a case on a grid are added to."""
+    if case in SWEEP and grid == "rough":
+        return DATA / "study_sweep_slides.csv"
+    slides = {"published": "slides", MORE_AIR: "slides_more_air"}
     if "default" not in case:
-        return DATA / "study_slides_added.csv"
+        return DATA / f"study_{slides.get(case, 'slides_added' if plan_of(case) else 'slide')}.csv"
     kind = "fos_" if not plan_of(case) else "section_" if case.startswith("section, ") else ""
     return DATA / f"study_{kind}default.csv"
 
@@ -181,7 +205,7 @@ def main() -> None:
                 rows[run] = outcome_of(run, folder, stop.requested)
             except Stopped:
                 sys.exit("stopped: the same command goes on")
-            add(file_of(run.case), run, rows[run])
+            add(file_of(run.case, run.grid), run, rows[run])
             print(f"{run}: {rows[run].status}, {rows[run].displacement:.2f} m", flush=True)
 
 

@@ -17,10 +17,9 @@ from jaxmpm import Status
 
 DATA = ROOT / "benchmarks" / "data"
 FILES = (
-    *("fos_rough", "section_fos", "section_slides", "section", "fos_refined", "screening", "fos_rollers", "slide"),
-    *("audit", "on_cpu", "fos_default", "default", "section_default", "screening_rollers", "audit_rollers"),
-    *("sweep", "sweep_audit", "slides", "slides_more_air", "sweep_slides", "ranked", "table_3", "table_3_slide"),
-    "slides_added",
+    *("fos_rough", "section_fos", "section", "fos_refined", "screening", "fos_rollers", "slide", "audit", "on_cpu"),
+    *("fos_default", "default", "section_default", "screening_rollers", "audit_rollers", "sweep", "sweep_audit"),
+    *("slides", "slides_more_air", "sweep_slides", "ranked", "table_3", "slides_added"),
 )
 """`study_NAME.csv` each; of a run that several have, the first stands."""
 
@@ -57,7 +56,8 @@ class Outcome:
         time: simulated (s).
         steps: number of time steps.
         seconds: of one core, or of the GPU, of which lanes and processes that share it have their shares.
-        runout: of a slide (m).
+        runout: of a slide where a tenth of the slope's height is left (m); None too where the row lacks it.
+        runout_foremost: of its foremost soil (m).
         depth: of a slide (m).
         volume: of a slide (m3).
         area: of a slide beyond the toe (m2).
@@ -76,6 +76,7 @@ class Outcome:
     steps: int
     seconds: float
     runout: float | None = None
+    runout_foremost: float | None = None
     depth: float | None = None
     volume: float | None = None
     area: float | None = None
@@ -112,7 +113,7 @@ COLUMNS = {
     **{"case": text, "grid": word("rough", "refined"), "sample": whole, "reduction": size},
     **{"until": word(*get_args(Until)), "status": word(*ENDED)},
     **{"displacement": size, "time": size, "steps": whole, "seconds": size},
-    **dict.fromkeys(("runout", "depth", "volume", "area"), optional(size)),
+    **dict.fromkeys(("runout", "runout_foremost", "depth", "volume", "area"), optional(size)),
     **{"mode": optional(word(*SEVERITY)), "masses": optional(whole)},
     **dict.fromkeys(("onset", "onset_second", "displacement_any", "runout_any"), optional(size)),
     "device": text,

@@ -8,9 +8,10 @@ from benchmarks.settings.opened_soil import CALIBRATED, CASES, COLUMNS, LEFT, OT
 NAME = "section, published"
 
 
-def row(number, memory, displacement, *, runout=12.0, closed=5.0, status="SETTLED", mode="deep", name=NAME):
+def row(number, memory, displacement, *, foremost=12.0, closed=5.0, status="SETTLED", mode="deep", name=NAME):
     closed = closed if memory else ""
-    return f'"{name}",{int(memory)},{number},{status},600,{displacement},13.0,{runout},200.0,50.0,{mode},{closed}'
+    lengths = f"{displacement},13.0,{foremost - 1},200.0,50.0,{foremost}"
+    return f'"{name}",{int(memory)},{number},{status},600,{lengths},{mode},{closed}'
 
 
 def write(path, *rows):
@@ -19,10 +20,10 @@ def write(path, *rows):
 
 
 def test_what_the_memory_changes(tmp_path, monkeypatch):
-    thrown = f'"{NAME}",0,4,OUTSIDE_GRID,600,12.0,,,,,,'
+    thrown = f'"{NAME}",0,4,OUTSIDE_GRID,600,12.0,,,,,,,'
     rows = [
         row(0, True, 10.2, closed=0.1), row(0, False, 10.0),
-        row(1, True, 10.0, runout=15.0), row(1, False, 10.0, mode="shallow"),
+        row(1, True, 10.0, foremost=15.0), row(1, False, 10.0, mode="shallow"),
         row(2, True, 0.1, mode="none"), row(2, False, 0.1, mode="none"),
         row(3, True, 0.9, mode="none"), row(3, False, 1.1),
         row(4, True, 12.0), thrown, row(5, True, 12.0),
@@ -36,6 +37,14 @@ def test_what_the_memory_changes(tmp_path, monkeypatch):
     assert {name: values[name] for name in expected} == expected
     assert values["median_change_nothing_closes_cells"] == pytest.approx(0.2)
     assert values["largest_change_soil_closes_cells"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_model_of_a_case_measures_and_names_the_slides_of_its_grid(name):
+    for memory in (False, True):
+        campaign = opened_soil.campaign_of_case(CASES[name], memory)
+        assert CASES[name].grid in campaign.modes
+        assert campaign.soil.gap_memory is memory
 
 
 def test_the_study_holds_the_slides_that_are_run_again():

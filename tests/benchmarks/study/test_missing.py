@@ -1,13 +1,14 @@
 """Runs that are added to the study."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.study import cases, factors, missing
-from benchmarks.study.rows import Outcome, Run, factor_of_safety, read_table
+from benchmarks.study.rows import Outcome, Run, factor_of_safety, read_study, read_table
 from cooperative import build, random_soil
 from cooperative.runs import Stopped
 from jaxmpm import reduced, solve
@@ -21,7 +22,7 @@ CLASS = Outcome("DECIDED", 1.1, 2.0, 300, 1.0)
 STOOD = Outcome("SETTLED", 0.1, 4.0, 600, 1.0)
 BROKE_OFF = Outcome("OUTSIDE_GRID", 3.0, 4.0, 600, 1.0)
 GRIDS = ("rough", "refined")
-SLID = Outcome("FINISHED", 4.5, 4.0, 540, 13.6, 3.0, 14.0, 1216.0, 12.9, "deep", 1, 2.1, None, 4.5, 3.0)
+SLID = Outcome("FINISHED", 4.5, 4.0, 540, 13.6, 2.5, 3.0, 14.0, 1216.0, 12.9, "deep", 1, 2.1, None, 4.5, 3.0)
 
 
 @pytest.fixture
@@ -47,7 +48,8 @@ def test_what_is_missing_is_searched_ranked_audited_and_slid(few_cases):
         Run("lx = ly = 60", "refined", 7): CLASS,
         Run("ly = 10", "refined", 8): CLASS,
         Run("ly = 10", "refined", 9): STOOD,
-        Run("ly = 10", "rough", 9): CLASS,
+        Run("ly = 10", "rough", 5, 1.1): CLASS,
+        Run("ly = 10", "rough", 6, 1.1): STOOD,
     }
     asked = run_all(lambda run: run.reduction > 1.135 or run.sample in (1, 2), rows)
     tried = {
@@ -62,7 +64,30 @@ def test_what_is_missing_is_searched_ranked_audited_and_slid(few_cases):
     assert [run for run in asked if run.until == "end"] == [
         Run(factors.DEFAULT, "refined", 0, 1.14, "end"),
         Run("ly = 10", "refined", 8, 1.0, "end"),
+        Run("ly = 10", "rough", 5, 1.1, "end"),
     ]
+
+
+def test_slides_of_the_mean_strength_follow_a_search_that_has_ended(monkeypatch):
+    name = "mean strength, cells of 0.75 m"
+    monkeypatch.setattr(missing, "CASES", {name: cases.CASES[name]})
+    rows = {Run(name, "refined", 0, r): CLASS if r > 1.155 else STOOD for r in (1.3, 1.14, 1.22, 1.18, 1.16, 1.15)}
+    assert run_all(lambda run: False, rows) == [Run(name, "refined", 0, 1.16, "end")]
+
+
+def test_slides_of_the_audit_that_break_off_run_once_more_with_more_air(monkeypatch):
+    monkeypatch.setattr(missing, "CASES", {})
+    monkeypatch.setattr(missing, "SAMPLES", 40)
+    monkeypatch.setattr(missing, "AUDIT", replace(cases.AUDIT, runs=8, first_wave=4))
+    rows = {Run("published", "rough", n): replace(STOOD, displacement=0.02 * (n + 1)) for n in range(40)}
+    rows |= {Run("published", "refined", n): CLASS if n > 9 else STOOD for n in range(40)}
+    asked = run_all(lambda run: False, dict(rows))
+    drawn = [run.sample for run in asked]
+    assert drawn
+    assert min(drawn) > 9
+    assert asked == [replace(run, until="end") for run in map(partial(Run, "published", "refined"), drawn)]
+    rows[asked[0]] = BROKE_OFF
+    assert replace(asked[0], case=cases.MORE_AIR) in run_all(lambda run: False, rows)
 
 
 @pytest.mark.parametrize(("rows", "reduction"), [({}, "1.3"), ({1.3: CLASS, 1.14: BROKE_OFF}, "1.14")])
@@ -80,6 +105,11 @@ def test_rows_are_added_to_a_file_of_the_study(tmp_path):
     assert read_table(path) == dict.fromkeys(runs, SLID)
     assert '"ly = 10": ' in path.read_text().splitlines()[0]
     assert '"default": ' not in path.read_text()
+
+
+@pytest.mark.parametrize("run", [run for run in read_study() if run.until == "end"][::40], ids=str)
+def test_a_slide_goes_to_the_file_of_the_study_that_has_it(run):
+    assert run in read_table(missing.file_of(run.case, run.grid))
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ from cooperative.runs import check_size
 TINY = {"rough": {"cell": 4.0, "spacing": [2.0, 2.0]}, "refined": {"cell": 2.0, "spacing": [1.0, 1.0]}}
 TINY |= {"run": {"t_end": 2.0}}
 HEAD = '# {"cases": {}}'
-STOOD = "mean strength,rough,0,1.26,class,SETTLED,0.05,2,500,1.5,,,,,,,,,,,cpu"
-SLID = "published,refined,7,1,end,FINISHED,14,20,5000,9,12.5,13,4000,900,deep,1,1.5,,14.2,12.6,cpu"
+STOOD = "mean strength,rough,0,1.26,class,SETTLED,0.05,2,500,1.5,,,,,,,,,,,,cpu"
+SLID = "published,refined,7,1,end,FINISHED,14,20,5000,9,12,12.5,13,4000,900,deep,1,1.5,,14.2,12.6,cpu"
 
 
 @pytest.mark.parametrize("case", cases.CASES)
