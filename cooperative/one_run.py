@@ -17,7 +17,7 @@ import jaxmpm
 import kl
 from cooperative import runs
 from cooperative.measure import ReleaseHistory
-from cooperative.reporting import panels, save, units_of
+from cooperative.reporting import panels, save, units_of_campaign
 from cooperative.scene import Campaign, RandomField
 from cooperative.store import FinishedRun, own_folder
 from jaxmpm import Scene, State, diagnostics, solve_each, write_vtkhdf
@@ -137,8 +137,7 @@ def slide(
     )  # fmt: skip
     kept[float(result.state.step) * float(result.time_step)] = result.state
     motion = past if grid in campaign.modes else None
-    shape = campaign.site.shape
-    units = units_of(campaign.dimension, toe=shape.face is not None, line=campaign.site.track is not None)
+    units = units_of_campaign(campaign)
     of = "mean soil" if mean else "median soil" if sample is None else f"soil of sample {sample}"
     return Slide(
         campaign.name, of if divide == 1 else f"{of}, its strength divided by {divide:g}",

@@ -135,7 +135,7 @@ def ground_of(models: dict[str, Any]) -> runs.StoredGround:
     }
     samples = runs.samples_of(models["rough"].campaign)
     outline = (0.0, 0.0), (1.0, 1.0), np.zeros((2, 2)), None
-    return runs.StoredGround(*outline, False, (), ("strength",), MODES, samples, grids, None, (0.0, 0.0), None)
+    return runs.StoredGround(*outline, False, (), ("strength",), MODES, samples, grids, None, (0.0, 0.0), None, 1.0)
 
 
 def keep_nothing(*_: Any) -> None:

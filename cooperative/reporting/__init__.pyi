@@ -8,7 +8,7 @@ from ._interactive import Drawn, any_interactive, figures, installed, script
 from ._page import HOW, appearance, document, heading, headline, paragraph, risks, table
 from ._plots import draw_particles, quantity, save
 from ._progress import GridProgress, Progress, controller_of, progress_of, watched, words
-from ._sentences import Cell, limits, units_of
+from ._sentences import Cell, limits, units_of_campaign
 
 __all__ = [
     "HOW",
@@ -38,7 +38,7 @@ __all__ = [
     "script",
     "table",
     "tiled",
-    "units_of",
+    "units_of_campaign",
     "watched",
     "words",
     "words_of_cost",

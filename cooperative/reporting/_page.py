@@ -297,7 +297,7 @@ def reach(results: Results) -> str:
         return ""
     reached = [at for at, chance in zip(curve.thresholds, curve.probability, strict=True) if chance >= 1 / many]
     unit = sentences.units(results)["runout"]
-    return f"One slope in {many} slides to {reached[-1]:.3g} {unit} or farther." if reached else ""
+    return f"One slope in {many} slides to {reached[-1]:.3g} {unit}, or farther." if reached else ""
 
 
 def document(title: str, parts: Iterable[str]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from cooperative.estimate import Estimate, Fits, annual
 from cooperative.folder import Results
+from cooperative.scene import Campaign
 from cooperative.summary import Element, ModeShare, Spread, Summary
 from jaxmpm.support.text import printable
 
@@ -298,23 +299,35 @@ def labels(results: Results) -> dict[str, str]:
 def units(results: Results) -> dict[str, str]:
     """Unit of each consequence in words."""
     ground = results.ground
-    return units_of(ground.dimension, toe=ground.face is not None, line=bool(ground.line))
+    return _units(ground.dimension, toe=ground.face is not None, line=ground.line, thickness=ground.thickness)
 
 
-def units_of(dimension: int, *, toe: bool, line: bool) -> dict[str, str]:
+def units_of_campaign(campaign: Campaign) -> dict[str, str]:
+    """Unit of each consequence in words.
+
+    Args:
+        campaign: whose results need not be there.
+    """
+    face, track = campaign.site.shape.face, campaign.site.track
+    return _units(campaign.dimension, toe=face is not None, line=track is not None, thickness=campaign.runout_thickness)
+
+
+def _units(dimension: int, *, toe: bool, line: bool, thickness: float) -> dict[str, str]:
     """Unit of each consequence in words.
 
     Args:
         dimension: of the ground.
         toe: whether the ground has one.
         line: whether the scene has a run-out line.
+        thickness: of the deposit at the front of the run-out (m), 0 for the foremost soil.
     """
     per_width = "" if dimension == 3 else " per metre of width"
     along = ", along the line of the scene" if line else ""
+    front = f", where {thickness:.3g} m is left" if thickness else ", its foremost soil"
     return {
         "displacement": "m",
         "depth": "m below the crest" if toe else "m below the surface",
-        "runout": "m beyond the toe" if toe else f"m from its rear to its front{along}",
+        "runout": f"m beyond the toe{front}" if toe else f"m from its rear to its front{along}{front}",
         "volume": f"m³{per_width}",
         "area": "m² beyond the toe" if toe else "m² at its end",
     }

@@ -95,6 +95,7 @@ class StoredGround:
         hazard: None where the scene asks for no maps.
         origin: of the scene's coordinates in those of its map (2,) m.
         projection: of that map as WKT, None where the scene has none.
+        thickness: of the deposit at the front of the run-out (m).
         bottoms: elevation of the lower boundary of each layer but the last, at the points of the surface
             (layers - 1, ...) m; None for ground without layers.
         walls: axis, position (m) and hold ("fixed" or "roller") of each upright wall.
@@ -113,6 +114,7 @@ class StoredGround:
     hazard: HazardPlan | None
     origin: tuple[float, ...]
     projection: str | None
+    thickness: float
     bottoms: np.ndarray | None = None
     walls: tuple[tuple[int, float, str], ...] = ()
 
@@ -184,6 +186,7 @@ def ground_of(models: Mapping[str, GridModel]) -> StoredGround:
         hazard=hazard,
         origin=tuple(map(float, campaign.site.origin)),
         projection=campaign.site.projection,
+        thickness=campaign.runout_thickness,
         bottoms=np.reshape(bottoms, (len(bottoms), *plan[0].shape)),
         walls=tuple(
             (wall.axis, float(grid.origin[wall.axis] + wall.index * grid.cell), wall.hold)

@@ -61,11 +61,11 @@ def test_soil_that_is_not_random_stands_and_with_less_strength_slides(fails):
 
 
 def test_run_out_counts_from_a_toe_only_where_there_is_one(fails):
-    assert "m beyond the toe; volume" in "\n".join(lines(fails))
+    assert "m beyond the toe, where 0.8 m is left; volume" in "\n".join(lines(fails))
     outline = "[ground]\nsurface = [[0, 10], [8, 10], [16, 2], [32, 2]]\n"
     begin, end = PLAIN.index("[slope]"), PLAIN.index("[soil]")
     free = slide(parse(PLAIN[:begin] + outline + PLAIN[end:]), divide=3.0, frames=2)
-    assert "m from its rear to its front; volume" in "\n".join(lines(free))
+    assert "m from its rear to its front, where 0.8 m is left; volume" in "\n".join(lines(free))
 
 
 def test_a_sample_is_that_of_the_campaign():

@@ -32,7 +32,7 @@ from cooperative.reporting import (
     save,
     script,
     table,
-    units_of,
+    units_of_campaign,
 )
 from cooperative.store import FAILED_AT, SLIDES_IN_TIME
 from cooperative.tools.in_time._answer import InTime, first_lines
@@ -209,8 +209,7 @@ def _samples(result: InTime) -> str:
 
 def _slides(result: InTime, slides: SlidesInTime) -> str:
     """Each slide as a row."""
-    shape = result.campaign.site.shape
-    units = units_of(result.campaign.dimension, toe=shape.face is not None, line=result.campaign.site.track is not None)
+    units = units_of_campaign(result.campaign)
     mode = np.asarray(slides.columns.get("mode", np.full(slides.at.size, "")))
     columns = [slides.column(name) for name in MEASURES]
     rows = [

@@ -114,5 +114,5 @@ def test_a_campaign_of_a_ground_of_ones_own_runs_on_two_workers_and_is_reported(
     summary = run(campaign, tmp_path / "own", workers=2)
     assert sum(mode.count for mode in summary.modes.shares.values()) == summary.probability.failures_refined == 3
     text = report(tmp_path / "own")
-    assert "m beyond the toe" in text
+    assert f"m beyond the toe, where {campaign.runout_thickness:.3g} m is left" in text
     assert summary_of(tmp_path / "own")["consequences"]["slides"] == 3

@@ -175,7 +175,8 @@ def test_samples_that_fail_slide_to_their_end_and_are_kept(tmp_path, monkeypatch
     with (tmp_path / "slides.csv").open() as file:
         each = list(csv.DictReader(file))
     assert [float(row["t [s]"]) for row in each] == [HOURS[result.first[int(row["sample"])]] for row in each]
-    assert sum(row["runout [m from its rear to its front]"] == "" for row in each) == len(each) - len(whole)
+    runout = f"runout [m from its rear to its front, where {campaign.runout_thickness:.3g} m is left]"
+    assert sum(row[runout] == "" for row in each) == len(each) - len(whole)
     page = (tmp_path / "report.html").read_text()
     assert f"{len(each) - len(whole)} of them broke off" in page
     assert f"{result.estimates[-1].probability:.3g}" in page
