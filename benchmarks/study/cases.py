@@ -112,8 +112,6 @@ def plan_of(case: str) -> dict[str, Any]:
     return {"refined_runs": AUDIT.runs}
 
 
-VALLEY = 0.05
-"""About that of the rule that named the modes of the first rows."""
 PUBLISHED: Changes = {"rough": {"cfl": 0.5}, "refined": {"cfl": 0.5}, "soil": {"gap_memory": False}}
 """Settings of the rows with published settings, where the scene leaves them out."""
 
@@ -125,5 +123,4 @@ def campaign_of(scene: str, changes: Changes) -> Campaign:
         tables[table] |= keys
     for table, keys in (PUBLISHED if scene.startswith("paper") else {}).items():
         tables[table] = {**keys, **tables[table]}
-    tables["campaign"].setdefault("valley", VALLEY)
     return parse(to_toml(tables))

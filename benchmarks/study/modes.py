@@ -15,10 +15,10 @@ from cooperative.estimate import effective_size, fit_distributions, severity_ran
 from cooperative.measure import SEVERITY
 
 BEST_FITS = {
-    "shallow": {"area": "normal", "volume": "logistic", "runout_foremost": "normal"},
-    "deep": {"area": "normal", "volume": "logistic", "runout_foremost": "normal"},
-    "compound": {"area": "normal", "volume": "logistic", "runout_foremost": "normal"},
-    "progressive": {"area": "logistic", "volume": "Weibull", "runout_foremost": "normal"},
+    "shallow": {"area": "normal", "volume": "logistic", "runout": "normal"},
+    "deep": {"area": "normal", "volume": "logistic", "runout": "normal"},
+    "compound": {"area": "normal", "volume": "logistic", "runout": "normal"},
+    "progressive": {"area": "logistic", "volume": "Weibull", "runout": "normal"},
 }
 """Distribution of least AIC that is printed for each mode and consequence (Tables 4 and 5, Fig. 19)."""
 

@@ -17,7 +17,7 @@ from cooperative.estimate import Fit, fit_distributions
 LABELS = {
     "area": "influence area [m$^2$]",
     "volume": "sliding volume [m$^3$]",
-    "runout_foremost": "run-out of the foremost soil [m]",
+    "runout": "run-out [m]",
 }
 
 
