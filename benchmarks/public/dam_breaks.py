@@ -235,7 +235,7 @@ def stoker(data: Path, cells: int, finest: bool) -> list[Row]:
 def cases(data: Path, quick: bool) -> dict[str, Made]:
     """The cases by name."""
     made: dict[str, Made] = {}
-    all_cells = (5,) if quick else (5, 10, 20)
+    all_cells = (5,) if quick else (5, 10, 20, 40)
     for cells in all_cells:
         finest = cells == all_cells[-1]
         made[f"ritter {cells}"] = partial(fan, data, "Ritter", "ritter", cells, finest, 1)
