@@ -2,7 +2,7 @@
 
 A case with a random field is a campaign: a folder that goes on where it was stopped, with its report. One without is a
 search for the factors of safety of both grids. `--draw` draws a typical slide of each failure mode instead, in
-benchmarks/figures. `python -m benchmarks published` compares the rows of the first runs, benchmarks/data/study_*.csv.
+benchmarks/figures. `python -m benchmarks published` compares the stored rows, benchmarks/data/study_*.csv.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, SubFigure
 from scipy.ndimage import median_filter
 
-from benchmarks.study.cases import CASES, FAILS_ABOVE, campaign_of
+from benchmarks.study.cases import CASES, FAILS_ABOVE, MORE_AIR, campaign_of
 from benchmarks.study.rows import Rows, Run
 from cooperative import build, coefficients_of, random_soil
 from cooperative.measure import SEVERITY
@@ -50,10 +50,14 @@ class Slide:
 
 
 def typical(rows: Rows) -> dict[str, Run]:
-    """By mode, the refined slide of the headline campaign with a volume nearest to the median of its mode."""
+    """By mode, the refined slide of the headline campaign with a volume nearest to the median of its mode.
+
+    Slides that left their grid count as they ended on the higher one.
+    """
     volumes: dict[str, dict[Run, float]] = {}
     for run, outcome in rows.items():
-        if (run.case, run.grid) == ("published", "refined") and outcome.mode and outcome.volume is not None:
+        of_campaign = run.case in ("published", MORE_AIR) and run.grid == "refined"
+        if of_campaign and outcome.mode and outcome.volume is not None:
             volumes.setdefault(outcome.mode, {})[run] = outcome.volume
     chosen = {}
     for mode, volume in sorted(volumes.items()):

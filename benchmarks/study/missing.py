@@ -3,7 +3,7 @@
 Slides of the slope of mean strength at its factors of safety. The cases with default settings: factors of safety,
 random slopes and their audit. Slides of the failures on the calibrated rough grid, and refined ones of the failures
 that the audits drew, once more with more air above them where soil left the grid. In 3D a refined class takes a core
-half a minute, a slide three to eight, on the rough grid some seconds.
+one to seven minutes, a slide three to eight, on the rough grid some seconds.
 A command that was stopped goes on from the last restart point of a slide, in out/study/missing.
 """
 

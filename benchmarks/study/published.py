@@ -1,8 +1,8 @@
 """The published study beside this one: tables and figures of Jiang et al. (2024), from benchmarks/data/study_*.csv.
 
 Source: Jiang, Li, Ma and Rezania (2024), Computers and Geotechnics 172, 106413. Nothing is run here; `python -m
-benchmarks.study` runs the campaigns anew. An interval holds 95 per cent; that of a factor of safety is one step of the
-search. Hours are processor time of one core, or those of a GPU, of the runs behind an answer.
+benchmarks.study` runs the campaigns anew. An interval holds 95 per cent, of a median 90; that of a factor of safety is
+one step of the search. Hours are processor time of one core, or those of a GPU, of the runs behind an answer.
 `python -m benchmarks.study.published` draws the figures anew.
 """
 

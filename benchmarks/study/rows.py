@@ -62,9 +62,9 @@ class Outcome:
         volume: of a slide (m3).
         area: of a slide beyond the toe (m2).
         mode: failure mode of a slide.
-        masses: number of masses that let go.
+        masses: number of masses side by side that let go.
         onset: when the first mass let go (s).
-        onset_second: when the second did (s).
+        onset_second: when the second did, or a second pulse began (s).
         displacement_any: largest displacement with detached grains (m).
         runout_any: run-out with detached grains (m).
         device: "cpu", or JAX's name of the GPU.

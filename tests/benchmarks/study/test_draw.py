@@ -42,6 +42,17 @@ def test_a_typical_slide_of_each_mode_is_run_again_and_drawn(monkeypatch, tmp_pa
     assert save(figure, tmp_path / "slide.png").stat().st_size > 10_000
 
 
+def test_a_typical_slide_may_be_one_that_left_its_grid():
+    left = Run("published", "refined", 0, until="end")
+    known = {
+        left: replace(SLID, status="OUTSIDE_GRID", mode=None, volume=None),
+        replace(left, case=cases.MORE_AIR): replace(SLID, volume=20.0),
+        replace(left, sample=1): replace(SLID, volume=10.0),
+        replace(left, sample=2): replace(SLID, volume=30.0),
+    }
+    assert draw.typical(known) == {"deep": replace(left, case=cases.MORE_AIR)}
+
+
 def made_up_slide(slip):
     """A block of 16 x 4 x 6 particles 0.5 m apart. slip: of each of its 4 layers, how many particles high the soil is
     that stands; what is above has a displacement along x of 0.25 m first and 3 m at the end."""
