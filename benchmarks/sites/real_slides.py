@@ -4,18 +4,20 @@ The scenes stand in benchmarks/scenes/real, with the source of each number and w
 surveyed, and what of that is scored. Each scene says what was decided before its runs, and what was changed after.
 
 `low`, `median` and `high` are weighted quantiles of the refined slides that ran to their end, or of the failures on the
-rough grid where there is none yet; `grid` names which, `slides` counts them. `rough_low` and `rough_high` are of the
-failures on the rough grid. `hit`: the middle of the surveyed range lies within the interval. `score` is the interval
-score and `crps` the continuous ranked probability score, both of the surveyed range over its middle, smaller is better;
-`corominas_score` that of the empirical relation, which has the travel distance alone. What is not scored has none of
-them. The slide of the lower dam then corrects the error that the residual strengths of both dams share, and with it the
-upper dam is predicted (`benchmarks.sites.real_calibrated`): rows "lower dam known". Where the change of heights was
-surveyed, stations along the run-out line
-have rows of their own (`benchmarks.sites.real_profile`): `profile_within` is the share of stations whose change lies in
-the interval, `profile_width` the mean width of these intervals over the mean surveyed change, and `profile_misplaced`
-the share of the volume that lies elsewhere than surveyed, in the median slide and in the nearest. Campaigns stay in
-out/real_slides; the next command goes on where one was stopped, and one that was stopped counts with the samples that
-it has. `--quick` runs the spread on coarse cells.
+rough grid where there is none yet; `grid` names which, `slides` counts them, `at_rest` those that came to rest, and
+`held` those that reached a wall or the end of the ground. Slides that had not come to rest have the least lengths that
+they will have, and those that were held have the ground's. `rough_low` and `rough_high` are of the failures on the
+rough grid, `rough_same` the median there of the samples that count. `hit`: the middle of the surveyed range lies within
+the interval. `score` is the interval score and `crps` the continuous ranked probability score, both of the surveyed
+range over its middle, smaller is better; `corominas_score` that of the empirical relation, which has the travel
+distance alone. What is not scored has none of them. The slide of the lower dam then corrects the error that the
+residual strengths of both dams share, and with it the upper dam is predicted (`benchmarks.sites.real_calibrated`): rows
+"lower dam known". Where the change of heights was surveyed, stations along the run-out line have rows of their own
+(`benchmarks.sites.real_profile`): `profile_within` is the share of stations whose change lies in the interval,
+`profile_width` the mean width of these intervals over the mean surveyed change, and `profile_misplaced` the share of
+the volume that lies elsewhere than surveyed, in the median slide and in the nearest. Campaigns stay in out/real_slides;
+the next command goes on where one was stopped, and one that was stopped counts with the samples that it has. `--quick`
+runs the spread on coarse cells.
 
 Three slides are left out, as their sections were not at hand. Of Saint-Jude (2010) the height of 22 m, the scar 150 m
 long and the slip surface are known, at El. 2.5 m below a river bed at El. 6 m and at El. 15 m near the scarp (Lacasse
@@ -47,6 +49,7 @@ from cooperative.folder import Results, read_results
 from cooperative.runs import Stopped
 from cooperative.scene import Campaign, built, campaign_of, parse, read_scene, to_toml
 from cooperative.store import FinishedRun, read_sample, table_of
+from jaxmpm import Status
 
 SCENES = ROOT / "benchmarks" / "scenes" / "real"
 CALIBRATES, PREDICTED = "lower_san_fernando_1971", "upper_san_fernando_1971"
@@ -79,6 +82,10 @@ class Slid:
         low, median, high = map(float, self.quantiles(quantity))
         return low, median, high
 
+    def count(self, what: str) -> int:
+        """Failures of which something holds."""
+        return int(self.quantities[what].sum()) if self.weight.size else 0
+
 
 @dataclass(frozen=True)
 class Compared:
@@ -91,6 +98,8 @@ class Compared:
     scored: bool
     grid: str
     slides: int
+    at_rest: int
+    held: int
     low: float | None
     median: float | None
     high: float | None
@@ -99,6 +108,7 @@ class Compared:
     crps: float | None
     rough_low: float | None
     rough_high: float | None
+    rough_same: float | None
     corominas_low: float | None
     corominas: float | None
     corominas_high: float | None
@@ -155,6 +165,9 @@ def slides(name: str, folder: Path) -> dict[str, Slid]:
         quantities = {
             quantity: np.array([one[quantity] for one in measures]) for quantity in (measures[0] if measures else ())
         }
+        quantities["number"] = np.asarray(numbers, int)[slid]
+        quantities["at_rest"] = np.array([sample.status == Status.SETTLED.name for sample in samples], bool)
+        quantities["held"] = np.array([bool(sample.row["walls"]) for sample in samples], bool)
         quantities |= shared_factor(soil, campaign, coefficients[np.asarray(numbers, int)[slid]])
         answer[grid] = Slid(quantities, weight[slid])
     return answer
@@ -181,6 +194,17 @@ def counted(failures: Mapping[str, Slid]) -> str:
     return "refined" if failures["refined"].weight.size else "rough"
 
 
+def same_on_rough(failures: Mapping[str, Slid]) -> Slid:
+    """The failures on the rough grid of the samples that count, weighed as there."""
+    counts, rough = failures[counted(failures)], failures["rough"]
+    if not counts.weight.size or not rough.weight.size:
+        return Slid({}, np.zeros(0))
+    weights = dict(zip(counts.quantities["number"], counts.weight, strict=True))
+    chosen = np.isin(rough.quantities["number"], list(weights))
+    weight = np.array([weights[number] for number in rough.quantities["number"][chosen]])
+    return Slid({name: values[chosen] for name, values in rough.quantities.items()}, weight)
+
+
 def compared(name: str, slide: Known, failures: Mapping[str, Slid]) -> list[Compared]:
     """A row for each surveyed quantity of a slide."""
     rows = []
@@ -201,6 +225,8 @@ def compared(name: str, slide: Known, failures: Mapping[str, Slid]) -> list[Comp
                 survey.scored,
                 grid,
                 slid.weight.size,
+                slid.count("at_rest"),
+                slid.count("held"),
                 low,
                 median,
                 high,
@@ -209,6 +235,7 @@ def compared(name: str, slide: Known, failures: Mapping[str, Slid]) -> list[Comp
                 None if low is None or not survey.scored else crps(slid.quantities[quantity], slid.weight, survey),
                 rough_low,
                 rough_high,
+                same_on_rough(failures).ends(quantity)[1],
                 near,
                 likely,
                 far,

@@ -19,6 +19,13 @@ from cooperative.scene import parse, read_scene
 ASSUMED = json.loads((SCENES / "assumptions.json").read_text())
 
 
+def slid_alike(**quantities):
+    """Slides that stand for one sample each and came to rest."""
+    (n,) = {len(values) for values in quantities.values()}
+    ends = {"number": np.arange(n), "at_rest": np.ones(n, bool), "held": np.zeros(n, bool)}
+    return Slid(ends | {name: np.array(values) for name, values in quantities.items()}, np.ones(n))
+
+
 def test_an_interval_scores_its_width_and_twenty_times_what_it_is_missed_by():
     known = Survey(100.0, 100.0)
     assert interval_score(80.0, 120.0, known) == pytest.approx(0.4)
@@ -47,12 +54,34 @@ def test_crps_is_the_area_between_the_distribution_and_the_step_of_what_came_tru
 
 def test_what_is_not_scored_has_an_interval_and_no_score():
     known = Known({"volume": Survey(9.0, 11.0, scored=False, note="given")}, 0.0, fall=None, volume=None)
-    slid = Slid({"volume": np.array([8.0, 12.0])}, np.ones(2))
+    slid = slid_alike(volume=[8.0, 12.0])
     (row,) = compared("a", known, {"rough": slid, "refined": slid})
     assert (row.low, row.high, row.hit, row.score, row.crps) == (8.0, 12.0, True, None, None)
     assert summarised([row])["quantities"] == 0
     for slide in KNOWN.values():
         assert all(survey.scored or survey.note for survey in slide.surveys.values())
+
+
+def test_a_row_counts_the_slides_at_rest_and_those_that_a_wall_held():
+    known = Known({"runout": Survey(9.0, 11.0)}, 0.0, fall=None, volume=None)
+    ends = {"number": np.arange(3), "at_rest": np.array([True, False, True]), "held": np.array([False, False, True])}
+    slid = Slid({"runout": np.array([8.0, 12.0, 13.0]), **ends}, np.array([1.0, 1.0, 5.0]))
+    (row,) = compared("a", known, {"rough": slid_alike(runout=[9.0]), "refined": slid})
+    assert (row.slides, row.at_rest, row.held) == (3, 2, 1)
+    (row,) = compared("a", known, {"rough": Slid({}, np.zeros(0)), "refined": Slid({}, np.zeros(0))})
+    assert (row.slides, row.at_rest, row.held) == (0, 0, 0)
+
+
+def test_the_samples_that_count_have_their_median_on_the_rough_grid_too():
+    known = Known({"runout": Survey(9.0, 11.0)}, 0.0, fall=None, volume=None)
+    rough = slid_alike(runout=[30.0, 10.0, 20.0, 40.0])
+    ends = {"at_rest": np.ones(3, bool), "held": np.zeros(3, bool)}
+    # Sample 7 stands on the rough grid, and sample 2 stands for most.
+    refined = Slid({"runout": np.ones(3), "number": np.array([2, 7, 0]), **ends}, np.array([5.0, 9.0, 1.0]))
+    (row,) = compared("a", known, {"rough": rough, "refined": refined})
+    assert row.rough_same == 20.0
+    (row,) = compared("a", known, {"rough": rough, "refined": Slid({}, np.zeros(0))})
+    assert row.rough_same == row.median == 20.0
 
 
 def test_the_shared_factor_of_a_sample_is_that_of_all_its_zones():
@@ -122,7 +151,7 @@ def test_a_quantity_without_a_slide_is_missed_and_has_no_score():
     known = Known(
         {"runout": Survey(9.0, 11.0), "travel": Survey(100.0, 100.0, checked=False)}, 0.0, fall=10.0, volume=1e5
     )
-    slid = Slid({"runout": np.array([8.0, 12.0]), "travel": np.array([90.0, 95.0])}, np.ones(2))
+    slid = slid_alike(runout=[8.0, 12.0], travel=[90.0, 95.0])
     rows = compared("a", known, {"rough": slid, "refined": slid})
     empty = compared("b", known, {"rough": Slid({}, np.zeros(0)), "refined": Slid({}, np.zeros(0))})
     assert compared("c", known, {"rough": slid, "refined": Slid({}, np.zeros(0))})[0].grid == "rough"
@@ -143,7 +172,7 @@ def test_a_scene_has_the_crest_from_which_its_slide_is_measured(name):
 
 def test_a_slide_without_a_surveyed_travel_has_no_empirical_one():
     known = Known({"centre": Survey(1.8, 1.8)}, 0.0, fall=None, volume=None)
-    slid = Slid({"centre": np.array([1.7, 2.0])}, np.ones(2))
+    slid = slid_alike(centre=[1.7, 2.0])
     (row,) = compared("d", known, {"rough": slid, "refined": slid})
     assert row.hit
     assert row.corominas is None
