@@ -71,6 +71,13 @@ def test_the_page_is_of_the_stored_answers(tmp_path, monkeypatch):
         assert f"![{name}_all](../figures/{name}_all.png)" in (tmp_path / "pages" / f"{name}.md").read_text()
 
 
+@pytest.mark.parametrize("name", ["early", "levers", "mode_readings", "opened_soil", "published", "rest"])
+def test_the_kept_answer_of_stored_rows_is_what_they_give(name):
+    report = results.module(name).run(quick=False)
+    kept = json.loads((results.FOLDER / f"{name}.json").read_text())
+    assert json.loads(json.dumps([report.values, report.rows])) == [kept["values"], kept["rows"]]
+
+
 def test_figures_of_error_and_time_are_drawn_from_the_stored_answer(tmp_path):
     work_precision.draw(results.stored_rows("work_precision"), tmp_path)
     for name in ("work_precision", "work_precision_theory"):
