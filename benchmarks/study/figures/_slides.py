@@ -14,11 +14,7 @@ from benchmarks.study.figures._study import BLUE, GREY, INSIDE, MODES, RED, Stud
 from benchmarks.study.modes import BEST_FITS, TO_FIT, rough_shares, weighted_slides
 from cooperative.estimate import Fit, fit_distributions
 
-LABELS = {
-    "area": "influence area [m$^2$]",
-    "volume": "sliding volume [m$^3$]",
-    "runout": "run-out [m]",
-}
+LABELS = {"area": "influence area [m$^2$]", "volume": "sliding volume [m$^3$]", "runout": "run-out [m]"}
 
 
 def modes(study: Study) -> Figure:
