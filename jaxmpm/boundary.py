@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from jaxmpm.grid import Grid, Wall
-from jaxmpm.tensors import safe_sqrt
+from jaxmpm.tensors import dot, safe_sqrt
 from jaxmpm.transfer import along
 from jaxmpm.types import Scene
 
@@ -153,10 +153,10 @@ def slide(scene: Scene, velocity: Array, braked: Callable[[Region | None, Array]
 
 def _slid(velocity: Array, normal: Array, braked: Callable[[Array], Array]) -> Array:
     """Velocities (..., d) after the impulses of walls with these normals, (d,) or (..., d) and 0 where no wall is."""
-    outward = jnp.sum(velocity * normal, axis=-1)
+    outward = dot(velocity, normal)
     push = jnp.maximum(-outward, 0)
     tangential = velocity - outward[..., None] * normal
-    speed = safe_sqrt(jnp.sum(tangential**2, axis=-1))
+    speed = safe_sqrt(dot(tangential, tangential))
     share = jnp.where(speed > 0, jnp.maximum(1 - braked(push) / jnp.where(speed > 0, speed, 1), 0), 1)
     return share[..., None] * tangential + (outward + push)[..., None] * normal
 

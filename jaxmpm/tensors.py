@@ -5,6 +5,8 @@ A component that a dimension cannot have is the Python number 0.0, which vanishe
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
@@ -283,6 +285,22 @@ def second_invariant(deviatoric: Sequence[Component]) -> Component:
     """
     xx, yy, zz, xy, yz, xz = deviatoric
     return 0.5 * (xx * xx + yy * yy + zz * zz) + xy * xy + yz * yz + xz * xz
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Sum of the products of components, in their order.
+
+    XLA adds along an axis in an order that depends on the length of the others: sums at nodes would depend on how many
+    of these are stored.
+
+    Args:
+        a: (..., d).
+        b: (..., d), or (d,).
+
+    Returns:
+        (...).
+    """
+    return functools.reduce(operator.add, (a[..., k] * b[..., k] for k in range(a.shape[-1])))
 
 
 @jax.custom_jvp

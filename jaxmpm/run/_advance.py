@@ -104,9 +104,9 @@ def repeat(state: State, count: int) -> State:
 def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None, mesh: Mesh | None = None) -> State:
     """Compiled `advance` over lanes; the given state is donated.
 
-    On CPU lanes run one after the other, each for all its steps, so that a lane stays in cache; a vmapped step would
-    stream all lanes through memory. On other devices they run side by side, and a lane alone runs as one without a
-    batch, whose loop selects no state. Devices of a mesh run their own lanes at the same time.
+    On CPU each lane takes all its steps before the next one, so that it stays in cache; a vmapped step would stream
+    all lanes through memory. On other devices a lane alone runs as one without a batch, whose loop selects no state.
+    Devices of a mesh run their own lanes at the same time.
 
     Args:
         scene: to run.
@@ -118,14 +118,12 @@ def advance_lanes(scene: Scene, state: State, steps: Array, axes: Scene | None, 
     Returns:
         State.
     """
-    in_turn = jax.default_backend() == "cpu"
 
     def of_one_device(scene: Scene, state: State, steps: Array) -> State:
-        if axes is not None and not in_turn and state.step.shape == (1,):
+        if axes is not None and not in_turn() and state.step.shape == (1,):
             alone = advance(take(scene, 0, axes), take(state, 0), jnp.ravel(steps)[0])
             return jax.tree.map(lambda leaf: leaf[None], alone)
-        one = jax.custom_batching.sequential_vmap(advance) if in_turn else advance
-        return over_lanes(one, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
+        return over_lanes(advance, axes, 0 if jnp.ndim(steps) else None)(scene, state, steps)
 
     return over_devices(of_one_device, axes, steps, mesh)(scene, state, steps)
 
@@ -177,12 +175,23 @@ def take(tree: Tree, index: int | np.ndarray | Array, axes: Tree | None = None) 
     return jax.tree.map(lambda axis, leaf: leaf if axis is None else leaf[index], axes, tree, is_leaf=is_none)
 
 
+def in_turn() -> bool:
+    """Whether lanes run one after the other."""
+    return jax.default_backend() == "cpu"
+
+
 def over_lanes(function: Callable[..., Result], axes: Scene | None, *others: int | None) -> Callable[..., Result]:
     """The function over the lanes of a batch, or as it is for one lane.
+
+    On CPU lanes run one after the other: XLA adds the numbers of a lane in an order that depends on how many lanes it
+    adds up side by side. On other devices they run side by side.
 
     Args:
         function: of a scene, a state and others.
         axes: mapped axes of the scene, None for one lane.
         others: mapped axes of the other arguments.
     """
-    return function if axes is None else jax.vmap(function, in_axes=(axes, 0, *others))
+    if axes is None:
+        return function
+    one = jax.custom_batching.sequential_vmap(function) if in_turn() else function
+    return jax.vmap(one, in_axes=(axes, 0, *others))

@@ -16,6 +16,7 @@ from jax import Array
 from jax.typing import DTypeLike
 
 from jaxmpm.grid import Grid
+from jaxmpm.tensors import dot
 from jaxmpm.transfer._near import along
 from jaxmpm.types import Scene, State
 
@@ -53,7 +54,7 @@ def nodal_momentum(grid: Grid, nodal: Array) -> Array:
     if nodal.shape[1] == d:
         return nodal
     slopes = nodal[:, d:].reshape(-1, d, d)
-    return nodal[:, :d] + jnp.sum(slopes * _nodes(grid, nodal.dtype)[:, None, :], axis=2)
+    return nodal[:, :d] + dot(slopes, _nodes(grid, nodal.dtype)[:, None, :])
 
 
 def velocity_gradient(

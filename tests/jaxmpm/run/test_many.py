@@ -11,6 +11,7 @@ import jaxmpm as mpm
 from jaxmpm.run import Hooks, SlidesEnd, lanes, repeat
 from jaxmpm.run._advance import advance_lanes
 from jaxmpm.run._batch import Batch, Sample
+from jaxmpm.run._stopping import farthest, measured
 from jaxmpm.setup import vary
 
 SHAPE = mpm.Slope(crest=4, height=2, run_per_rise=1.0, toe=4, foundation=2)
@@ -116,6 +117,22 @@ def test_slides_go_on_where_others_end_and_from_any_point_bit_for_bit():
             assert np.array_equal(again[number].state.displacement, whole[number].state.displacement)
     with pytest.raises(ValueError, match=r"slides' time = 0.5 s lies before t_end = 1 s"):
         SlidesEnd(1.0, 0.1, 0.5)
+
+
+def test_what_a_rule_reads_of_a_lane_does_not_depend_on_how_many_there_are():
+    scene, state = mpm.slope(SHAPE, CLAY, mpm.Discretisation(0.25, (0.125, 0.125)))
+    start = mpm.solve(scene, state, t_end=0.1).state
+    rules = (mpm.Settle(slides=1e-4, least_volume=0.5),)
+
+    def readings(width):
+        varied, axes = lanes(scene, strength=np.full(width, 9e3))
+        lane = jax.tree.map(lambda leaf: leaf[0], measured(varied, repeat(start, width), axes, rules))
+        return jax.tree.leaves((lane, farthest(varied, repeat(start, width), axes, 0.5)[0]))
+
+    alone = jax.tree.leaves((measured(scene, start, None, rules), farthest(scene, start, None, 0.5)))
+    assert float(alone[0]) > 0
+    assert float(alone[2]) > 0
+    assert [readings(width) for width in (1, 2, 24)] == [alone] * 3
 
 
 def test_only_what_samples_differ_in_has_lanes():
