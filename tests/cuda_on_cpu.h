@@ -80,6 +80,14 @@ T exchanged(T own, int from) {
   return result;
 }
 
+// As a GPU adds to its memory: subnormal floats are 0.
+inline float flushed(float of) { return std::fpclassify(of) == FP_SUBNORMAL ? std::copysign(0.0f, of) : of; }
+inline float added(float to, float value) { return flushed(flushed(to) + flushed(value)); }
+template <class T>
+T added(T to, T value) {
+  return to + value;
+}
+
 void run_block(int threads, const std::function<void()>& work);
 void run(unsigned blocks, int threads, int64_t shared, const std::function<void()>& work);
 void note_sum(const void* at);
@@ -124,7 +132,7 @@ inline void __syncthreads() { __syncthreads_or(false); }
 template <class T>
 T atomicAdd(T* at, T value) {
   if (std::is_floating_point_v<T> && value != 0) cuda_on_cpu::note_sum(at);
-  return std::exchange(*at, *at + value);
+  return std::exchange(*at, cuda_on_cpu::added(*at, value));
 }
 
 #define JAXMPM_SHARED(name) alignas(16) static unsigned char name[cuda_on_cpu::kMostShared]
@@ -135,6 +143,8 @@ using cudaStream_t = void*;
 enum cudaError_t { cudaSuccess };
 struct cudaFuncAttributes {};
 inline cudaError_t cudaFuncGetAttributes(cudaFuncAttributes*, const void*) { return cudaSuccess; }
+inline cudaError_t cudaGetDevice(int*) { return cudaSuccess; }
+inline cudaError_t cudaSetDevice(int) { return cudaSuccess; }
 inline cudaError_t cudaGetLastError() { return cudaSuccess; }
 inline const char* cudaGetErrorString(cudaError_t) { return ""; }
 inline cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t) {

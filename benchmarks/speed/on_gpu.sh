@@ -16,7 +16,7 @@ PYTHON=$("${PYTHON:-python3}" -c 'import sys; print(sys.executable)') || exit 1
 cd "$(dirname "$0")/../.." || exit 1
 mkdir -p "${1:-out/on_gpu}" && OUT=$(cd "${1:-out/on_gpu}" && pwd) || exit 1
 rm -f "$OUT"/*.log "$OUT/rows.jsonl" "$OUT/table.txt"
-export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}" PYTHONUNBUFFERED=1 TF_CPP_MIN_LOG_LEVEL=3 XLA_FLAGS=
+export PATH="$PATH:${CUDA_HOME:-/usr/local/cuda}/bin" PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}" PYTHONUNBUFFERED=1 TF_CPP_MIN_LOG_LEVEL=3 XLA_FLAGS=
 CARD=$(nvidia-smi --query-gpu=name,driver_version --format=csv,noheader 2>&1) || [ -n "$SMALL" ] || { echo "$CARD"; exit 1; }
 "$PYTHON" - <<'CHECK' || exit 1
 import importlib.metadata, re, sys, tomllib
@@ -63,8 +63,9 @@ rows memory 110 checks &
 part doctor 110 doctor "$PYTHON" -m cooperative doctor &
 # Each primitive, shape function, dimension and dtype once, lanes, nodes near soil, and positions beyond the grid.
 part tests 110 tests "$PYTHON" -m pytest -vv --tb=short -p no:cacheprovider -m "slow or not slow" tests/jaxmpm/step/test_cuda.py \
-  -k "(agrees_with_xla or cell_sums or repeat_bit or near_soil or beyond or once or refuse) and not any_column" &
-sanitize memcheck --padding 32 &
+  -k "(agrees_with_xla or cell_sums or repeat_bit or few_lanes or near_soil or beyond or once or refuse) and not any_column" &
+# XLA calls functions of the driver that answer with an error which it expects; the kernels tell of theirs themselves.
+sanitize memcheck --padding 32 --report-api-errors no &
 sanitize racecheck --kernel-regex kns=jaxmpm &
 wait
 unset XLA_PYTHON_CLIENT_PREALLOCATE

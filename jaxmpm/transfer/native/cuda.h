@@ -105,7 +105,7 @@ const char* put_in_order(const Plan& plan, Scalar scalar, int64_t lanes, const v
 const char* sum_in_cells(Scalar scalar, int64_t lanes, int64_t rows, int64_t particles, int64_t cells, Lanes cell,
                          Lanes values, void* sums, void* scratch, cudaStream_t stream);
 
-// Whether the GPU of this process has code of the library.
-cudaError_t try_kernels();
+// Whether the library has code for a GPU.
+cudaError_t try_kernels(int device);
 
 }  // namespace jaxmpm

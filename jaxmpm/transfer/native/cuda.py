@@ -68,7 +68,7 @@ def fault() -> str | None:
     path = library()
     if path is None:
         return None
-    reason: bytes | None = _loaded(path).jaxmpm_cuda_fault()
+    reason: bytes | None = _loaded(path).jaxmpm_cuda_fault(jax.local_devices()[0].local_hardware_id)
     return None if reason is None else reason.decode()
 
 
@@ -77,7 +77,7 @@ def _loaded(path: Path) -> ctypes.CDLL:
     helpers = {
         "jaxmpm_cuda_copies": (ctypes.c_int32, [ctypes.c_int32, ctypes.c_int64, ctypes.c_bool]),
         "jaxmpm_cuda_bytes_to_order": (ctypes.c_int64, [ctypes.c_int64, ctypes.c_int64]),
-        "jaxmpm_cuda_fault": (ctypes.c_char_p, []),
+        "jaxmpm_cuda_fault": (ctypes.c_char_p, [ctypes.c_int32]),
     }
     if missing := [name for name in (*TARGETS, *helpers) if not hasattr(kernels, name)]:
         lacking = ", ".join(missing)

@@ -23,13 +23,20 @@ using StreamOfCall = ffi::PlatformStream<cudaStream_t>;
 namespace jaxmpm {
 namespace {
 
-ffi::Error answer(bool done, const std::string& lacking = "no kernel was compiled for these channels and derivatives") {
-  if (!done) return invalid(lacking);
+ffi::Error failed(const char* fault) { return ffi::Error::Internal(std::string("jaxmpm: ") + fault); }
+
+// Takes the error of this call, which the next one would take for its own.
+ffi::Error answer(bool done) {
   const cudaError_t error = cudaGetLastError();
-  return error == cudaSuccess ? ffi::Error::Success() : ffi::Error::Internal(std::string("jaxmpm: ") + cudaGetErrorString(error));
+  if (error != cudaSuccess) return failed(cudaGetErrorString(error));
+  return done ? ffi::Error::Success() : invalid("no kernel was compiled for these channels and derivatives");
 }
 
-ffi::Error answer(const char* fault) { return fault ? ffi::Error::Internal(std::string("jaxmpm: ") + fault) : answer(true); }
+ffi::Error answer(const char* fault) {
+  if (!fault) return answer(true);
+  cudaGetLastError();
+  return failed(fault);
+}
 
 Lanes lanes_of(ffi::AnyBuffer buffer) {
   const auto of = buffer.dimensions();
@@ -269,9 +276,9 @@ auto cell_sums_binding() {
 extern "C" int32_t jaxmpm_cuda_copies(int32_t dimension, int64_t numbers, bool near) { return jaxmpm::copies_of(dimension, numbers, near); }
 // Bytes of scratch of an order or of sums in cells, for the particles and the nodes or cells of all lanes that have an order.
 extern "C" int64_t jaxmpm_cuda_bytes_to_order(int64_t particles, int64_t places) { return jaxmpm::bytes_to_order(particles, places); }
-// Why this machine's GPU does not run the library; null where it does.
-extern "C" const char* jaxmpm_cuda_fault() {
-  const cudaError_t error = jaxmpm::try_kernels();
+// Why a GPU of this machine does not run the library; null where it does.
+extern "C" const char* jaxmpm_cuda_fault(int32_t device) {
+  const cudaError_t error = jaxmpm::try_kernels(device);
   return error == cudaSuccess ? nullptr : cudaGetErrorString(error);
 }
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxmpm_cuda_order, jaxmpm::order_handler, jaxmpm::order_binding(), {ffi::Traits::kCmdBufferCompatible});

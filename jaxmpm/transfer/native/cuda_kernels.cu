@@ -140,6 +140,18 @@ __device__ __forceinline__ void add_to(double* at, const double (&sums)[W]) {
   for (int c = 0; c < W; ++c) atomicAdd(at + c, sums[c]);
 }
 
+// What `add_to` leaves where it adds to a number: it takes subnormal floats as 0.
+template <class T>
+__device__ __forceinline__ T added(T to, T value) {
+#if defined(JAXMPM_CUDA_ON_CPU)
+  return cuda_on_cpu::added(to, value);
+#else
+  if constexpr (sizeof(T) == sizeof(float)) asm("add.ftz.f32 %0, %0, %1;" : "+f"(to) : "f"(value));
+  else to += value;
+  return to;
+#endif
+}
+
 // The columns that a launch sums: all along the last axis but one, every `every`-th along the one before, from `first` on.
 struct Columns {
   int32_t first, every, along_first, along_second;
@@ -424,7 +436,7 @@ __global__ void __launch_bounds__(kThreads) sum_copies(const T* copies, int64_t 
     for (int launch = 0; launch < (COPIES == kStencil ? 0 : kStencil); ++launch) {
       const Four<T> next = four(kStencil * second + (plane + kStencil - launch) % kStencil);
 #pragma unroll
-      for (int c = 0; c < kGroup; ++c) part.of[c] += next.of[c];
+      for (int c = 0; c < kGroup; ++c) part.of[c] = added(part.of[c], next.of[c]);
     }
 #pragma unroll
     for (int c = 0; c < kGroup; ++c) sum.of[c] += part.of[c];
@@ -465,6 +477,7 @@ bool launch_scatter(const Transfer& transfer) {
   if constexpr (D > 1) {
     const int64_t count = of_all / kGroup, blocks = (count + kThreads - 1) / kThreads, plane = of_lane / plan.shape[0] / kGroup;
     if (blocks > INT32_MAX) return false;
+    if (blocks == 0) return true;
     const T* const from = static_cast<const T*>(transfer.copies);
     T* const to = static_cast<T*>(transfer.nodal.data);
     if (copies == kStencil) {

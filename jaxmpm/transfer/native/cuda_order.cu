@@ -161,7 +161,7 @@ const char* sum_lanes(int64_t lanes, int64_t rows, int64_t particles, int64_t ce
                   placed, order.offsets);
   };
   if (const char* fault = order_by(count_them, particles, count, places, placed, order, stream)) return fault;
-  if (count == 0) return nullptr;
+  if (count == 0 || lanes == 0) return nullptr;
   JAXMPM_LAUNCH((sum_cells<T>), blocks_for(lanes * cells), kThreads, 0, stream, cells, lanes * cells, shared, order.list, order.offsets,
                 rows, particles, static_cast<const T*>(values.data), values.step, sums);
   return nullptr;
@@ -169,9 +169,15 @@ const char* sum_lanes(int64_t lanes, int64_t rows, int64_t particles, int64_t ce
 
 }  // namespace
 
-cudaError_t try_kernels() {
+cudaError_t try_kernels(int device) {
+  int before = 0;
+  cudaError_t error = cudaGetDevice(&before);
+  if (error == cudaSuccess) error = cudaSetDevice(device);
   cudaFuncAttributes attributes;
-  return cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(&put_in_place));
+  if (error == cudaSuccess) error = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(&put_in_place));
+  cudaSetDevice(before);
+  cudaGetLastError();  // which the next call would take for its own
+  return error;
 }
 
 int64_t bytes_to_order(int64_t particles, int64_t places) {
