@@ -257,7 +257,8 @@ def run_table(results: Results) -> str:
             versions = ", ".join(f"{name} {version}" for name, version in last.versions.items())
             made[grid] = f"{last.dtype} on {last.device}; {versions}"
     rows += [
-        [f"last sample, {' and '.join(g for g in made if made[g] == how)} grid", how] for how in set(made.values())
+        [f"last sample, {' and '.join(g for g in made if made[g] == how)} grid", how]
+        for how in dict.fromkeys(made.values())
     ]
     rows += [["left out", why] for why in results.left_out]
     if pf.calibration:

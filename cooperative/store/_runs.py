@@ -103,8 +103,10 @@ def write_sample(store: Store, grid: str, sample: FinishedRun, *, longer: bool =
         )
     columns, row = database_row(store, grid, sample)
     with store.writing() as database:
-        for name in columns.keys() - sql.columns_of(database).keys():
-            database.execute(f'ALTER TABLE run ADD COLUMN "{name}" {columns[name]}')
+        there_are = sql.columns_of(database)
+        for name, kind in columns.items():
+            if name not in there_are:
+                database.execute(f'ALTER TABLE run ADD COLUMN "{name}" {kind}')
         sql.insert(database, row)
     if there is not None and there[0] not in (None, row["fields_sha256"]):
         fields_path(store.folder, grid, sample.number, there[0]).unlink(missing_ok=True)
@@ -298,7 +300,9 @@ def _record(digest: str, columns: Mapping[str, str], row: Row) -> RunRecord:
             raise DamagedFile(f"holds {name} = {shown(value)}")
     there: dict[str, Any] = {name: value for name, value in row.items() if value is not None}
     measured = {
-        name: bool(there[name]) if columns[name] == "BOOLEAN" else there[name] for name in there.keys() - sql.ABOUT
+        name: bool(value) if columns[name] == "BOOLEAN" else value
+        for name, value in there.items()
+        if name not in sql.ABOUT
     }
     terms, versions = len(there["coefficients"]) // 8, _versions(there["versions"])
     number, status, steps, seconds = (there[name] for name in ("sample", "status", "steps", "seconds"))

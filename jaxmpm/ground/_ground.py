@@ -99,10 +99,9 @@ def build_ground(
     applied = {name: value for name, value in loads.items() if value is not None}
     parameters = inspect.signature(ground.build).parameters
     if not any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values()):
-        for name in applied.keys() - parameters.keys():
-            raise ValueError(
-                f"{name} = {shown(applied[name])}, and {type(ground).__name__}.build takes none: leave it out"
-            )
+        for name, value in applied.items():
+            if name not in parameters:
+                raise ValueError(f"{name} = {shown(value)}, and {type(ground).__name__}.build takes none: leave it out")
     return ground.build(layers, discretisation, **applied)
 
 

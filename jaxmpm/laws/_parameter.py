@@ -101,7 +101,7 @@ def with_parameters(law: Any, values: Mapping[str, ArrayLike]) -> Any:
 def _with_values(part: Any, values: Mapping[str, ArrayLike]) -> Any:
     """A law or a part of one with other values, by path."""
     changed = {path: value for path, value in values.items() if "." not in path}
-    for name in {path.partition(".")[0] for path in values.keys() - changed.keys()}:
+    for name in dict.fromkeys(path.partition(".")[0] for path in values if "." in path):
         inner = {path.partition(".")[2]: value for path, value in values.items() if path.startswith(f"{name}.")}
         changed[name] = _with_values(getattr(part, name), inner)
     return replace(part, **changed)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxmpm.run._advance import advance_with_room, is_none, take
+from jaxmpm.run._advance import advance_with_room, in_turn, is_none, take
 from jaxmpm.run._devices import mesh_of, placed
 from jaxmpm.run._integrate import Result
 from jaxmpm.run._stopping import Rule, SlidesEnd, Watch, farthest, steps_until
@@ -236,7 +236,7 @@ class Batch:
             Batch.
         """
         busy, width = self.busy, -(-first // QUARTER)
-        if jax.default_backend() == "cpu" or width >= len(self.numbers) or not 0 < len(busy) <= width:
+        if in_turn() or width >= len(self.numbers) or not 0 < len(busy) <= width:
             return self
         empty = [lane for lane in range(len(self.numbers)) if self.numbers[lane] is None]
         keep = np.asarray(sorted([*busy, *empty[: width - len(busy)]]))

@@ -315,8 +315,8 @@ def _median(campaign: Campaign) -> tuple[list[Layer], Water, Strength | None] | 
 
     varying = [
         (rows_of[name], layer, field, float(field.distribution.transform(jnp.zeros(()))))
-        for name in rows_of.keys() & fields.keys()
-        for layer, field in enumerate(fields[name])
+        for name in rows_of
+        for layer, field in enumerate(fields.get(name, ()))
         if isinstance(field, RandomField) and hasattr(layers[layer].soil, name)
     ]
 

@@ -163,7 +163,9 @@ def _ags(path: Path, units: Mapping[str, str]) -> Contents:
     groups = {name: _ags_rows(table) for name, table in tables.items()}
     if "LOCA" not in groups:
         raise ValueError(f"{path} has no group LOCA of locations: export it with LOCA, and SCPT for soundings")
-    for name in {"LOCA", "SCPT", "SCPG", "TRIT", "IVAN", "LVAN"} & groups.keys():
+    for name in ("LOCA", "SCPT", "SCPG", "TRIT", "IVAN", "LVAN"):
+        if name not in groups:
+            continue
         if not groups[name][0]:
             raise ValueError(f"{path}: its group {name} has no row UNIT, without which its numbers are none: add it")
         if "LOCA_ID" not in groups[name][0]:

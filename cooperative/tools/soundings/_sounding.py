@@ -238,8 +238,9 @@ def checked(sounding: Sounding) -> Sounding:
             "the unit in the header, such as depth [mm]"
         )
     columns = _averaged(columns)
-    for name in {*columns} & {"cone", "sleeve", "corrected"}:
-        columns[name] = np.where(columns[name] > 0, columns[name], np.nan)
+    for name in ("cone", "sleeve", "corrected"):
+        if name in columns:
+            columns[name] = np.where(columns[name] > 0, columns[name], np.nan)
     cone = columns["cone"][np.isfinite(columns["cone"])]
     if cone.size == 0:
         raise ValueError(f"{where} has no cone resistance above 0: every reading is a gap or a void code")

@@ -146,6 +146,18 @@ def test_scalars_keep_their_types_and_columns_that_one_run_adds_are_there_for_th
         assert read_rows(store, "rough").numbers == [0, 1]
 
 
+def test_columns_are_added_and_read_in_the_order_of_the_row(tmp_path):
+    """A set of names has another order in each process."""
+    added = [f"own_{letter}" for letter in "qwertyuiop"]
+    row = {"displacement": 0.5, "broke_off": False, **dict.fromkeys(added, 1.0)}
+    with open_store(tmp_path, SCENE) as store:
+        write_sample(store, "rough", replace(sample(0), row=row, fields={}))
+        assert [name for name in read_sample(store, "rough", 0).row if name.startswith("own_")] == added
+    with sqlite3.connect(tmp_path / "campaign.db") as database:
+        columns = [column for _, column, *_ in database.execute("PRAGMA table_info(run)")]
+    assert columns[-len(added) :] == added
+
+
 def test_rows_ascend_and_gaps_are_nan(tmp_path):
     with open_store(tmp_path, SCENE) as store:
         for number in (7, 2):
